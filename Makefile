@@ -90,7 +90,9 @@ peers: .venv-peers/.complete  ## collection speed, compared with imitation and S
 .venv-peers/.complete: benchmarks/peers/requirements.txt pyproject.toml constraints.txt
 	$(PYTHON) -m venv .venv-peers
 	.venv-peers/bin/python -m pip install --quiet --upgrade pip
-	.venv-peers/bin/python -m pip install --quiet -c constraints.txt -e . -r $<
+	sed -nE 's/^([a-z0-9-]+==).*/^\1/p' $< | sed 's/-/[-_]/g' > .venv-peers/pinned_by_peers
+	grep -v -f .venv-peers/pinned_by_peers constraints.txt > .venv-peers/constraints.txt
+	.venv-peers/bin/python -m pip install --quiet -c .venv-peers/constraints.txt -e . -r $<
 	@touch $@
 
 release-check: venv  ## build wheel and sdist, install the wheel in an empty environment, use it there
