@@ -5,10 +5,17 @@ from dataclasses import fields, replace
 
 import pytest
 
+from surefoot.config import Config, DisturbanceConfig, EvaluationConfig
 from surefoot.config.json_io import to_json
 from surefoot.evaluation.gaits import GaitResult, GaitSpeed, Switching
 from surefoot.evaluation.push_limits import PushDifference
-from surefoot.evaluation.report import EvaluationReport, ExpertReport, read_report
+from surefoot.evaluation.report import (
+    EvaluationReport,
+    ExpertReport,
+    check_disturbances,
+    disturbances,
+    read_report,
+)
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_json
 from tests.fakes.results import push_result, robustness
@@ -107,3 +114,40 @@ def test_results_of_several_gaits_are_read_back(tmp_path):
     path = tmp_path / "evaluation-test.json"
     write_json(path, several)
     assert read_report(path) == several
+
+
+def evaluated_with(disturbance: DisturbanceConfig) -> Config:
+    return Config(evaluation=EvaluationConfig(disturbance=disturbance))
+
+
+@pytest.mark.parametrize(
+    ("idle", "why"),
+    [
+        (DisturbanceConfig(expert_impulse=(1.0, 3.0)), "belongs to data that is collected"),
+        (DisturbanceConfig(impulse=(3.0, 5.0)), "add --disturbance.pushes 1"),
+        (DisturbanceConfig(push_duration=0.1), "add --disturbance.pushes 1"),
+        (DisturbanceConfig(1, gentle=0.2), "belongs to data that is collected"),
+        (DisturbanceConfig(fall_angle=10.0), "not more than safety.fall_angle"),
+    ],
+)
+def test_what_disturbs_nobody_is_refused_and_not_reported(idle, why):
+    config = evaluated_with(replace(idle, delay=3))
+    pushes = {"pushes": 1} if idle.pushes else {}
+    assert disturbances(config) == pushes | {"delay": 3}
+    with pytest.raises(ValueError, match=why):
+        check_disturbances(config, DisturbanceConfig())
+    check_disturbances(config, idle)  # what a run's configuration holds is not judged
+
+
+def test_what_disturbs_is_reported():
+    disturbance = DisturbanceConfig(1, (2.0, 3.0), push_duration=0.1, fall_angle=60.0, delay=3)
+    config = evaluated_with(disturbance)
+    assert set(disturbances(config)) == {
+        "pushes",
+        "impulse",
+        "push_duration",
+        "fall_angle",
+        "delay",
+    }
+    check_disturbances(config, DisturbanceConfig())
+    check_disturbances(evaluated_with(DisturbanceConfig()), disturbance)

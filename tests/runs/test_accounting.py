@@ -167,6 +167,16 @@ def test_in_a_series_of_sizes_only_the_time_of_the_last_policy_counts():
     assert run_cost(records, 6.0).seconds == StageSeconds(300.0, 60.0, 6.0, 0)
 
 
+def test_iterations_whose_budget_affords_no_rollout_have_trained_too():
+    records: list[StageRecord] = [ten_rollouts(0)]
+    nothing = vars(collection_cost(None))
+    records += [collected_record(i, seconds=0.0, **nothing) for i in (1, 2)]
+    records += [trained_record(i, seconds=10.0 * (i + 1)) for i in range(3)]
+    cost = run_cost(records, 6.0)
+    assert cost.episodes is None
+    assert cost.seconds == StageSeconds(100.0, 60.0, 0, 0)
+
+
 def test_the_training_of_gates_has_its_time():
     records: list[StageRecord] = [ten_rollouts(i) for i in (0, 1)]
     records.append(gate_record("classifier", 0, seconds=2.0))

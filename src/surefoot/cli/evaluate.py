@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -94,6 +94,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
 
     def __call__(self) -> int:
         """Evaluate, write the report where asked, and print each result as soon as it is there."""
+        from surefoot.evaluation.report import check_disturbances
         from surefoot.runs.checks import warn_of_own_expert
         from surefoot.runs.policies import find_policy, prepared_for
         from surefoot.runs.run import run_of_policy
@@ -117,6 +118,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             # Before the options, so that every simulator and ground has the same initial states.
             trained_on = prepared_for(policy, replace(trained_on, start_set=given))
         config = self.as_asked(trained_on)
+        check_disturbances(config, trained_on.evaluation.disturbance)
         all_starts_of(config)
         if self.expert and run is not None:
             warn_of_own_expert(run)
@@ -141,7 +143,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         """
         from surefoot.evaluation.mirror_error import mirror_error_in_starts
         from surefoot.evaluation.push_limits import push_difference
-        from surefoot.evaluation.report import EvaluationReport, ExpertReport
+        from surefoot.evaluation.report import EvaluationReport, ExpertReport, disturbances
         from surefoot.evaluation.robustness import success_difference
         from surefoot.scenarios.gaits import all_starts_of
 
@@ -152,7 +154,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             policy=str(policy),
             simulator=config.simulation.backend,
             terrain=config.simulation.terrain,
-            disturbance={name: value for name, value, _ in disturbances(config)},
+            disturbance=disturbances(config),
             pushes=pushes,
             mirror_error_mrad=mirror_error_in_starts(config, policy, starts),
             switching=self.switching(policy, config),
@@ -243,6 +245,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             config: What is evaluated.
             trained_on: The run's configuration.
         """
+        from surefoot.evaluation.report import disturbances
         from surefoot.scenarios.keys import key_of
 
         parts: list[str] = [self.of_split]
@@ -264,10 +267,11 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             else:  # a name says nothing of what a file holds
                 stored = starts_of(config)
                 parts.append(f"{stored.name}_{stored.hash[:8]}")
-        if config.evaluation.disturbance != trained_on.evaluation.disturbance:
-            if config.evaluation.disturbance == DisturbanceConfig():
+        disturbed = disturbances(config)
+        if disturbed != disturbances(trained_on):
+            if not disturbed:
                 parts.append("undisturbed")
-            for name, value, _ in disturbances(config):
+            for name, value in disturbed.items():
                 numbers = value if isinstance(value, list) else [value]
                 parts.append("_".join([name, *(f"{number:g}" for number in numbers)]))
         if self.pushes:
@@ -311,12 +315,3 @@ def own_disturbance(target: Path) -> DisturbanceConfig:
         return open_run(target).config.evaluation.disturbance
     run = run_of_policy(target)
     return DisturbanceConfig() if run is None else run.config.evaluation.disturbance
-
-
-def disturbances(config: Config) -> Iterator[tuple[str, Any, Any]]:
-    """What disturbs an evaluation: names, values, and the values that disturb nothing."""
-    from surefoot.robots.load import load_robot
-    from surefoot.robots.scaling import own_pushes
-
-    disturbance = own_pushes(config.evaluation.disturbance, load_robot(config.robot))
-    return changes(disturbance, DisturbanceConfig())

@@ -157,7 +157,9 @@ class Config(Checked):
     perturbed states (paper), or in the `nominal` ones of a settled gait cycle, ten phases at twenty
     commands, as on a robot that is never disturbed. There each command and phase has one state."""
     collection: DisturbanceConfig = field(default_factory=DisturbanceConfig)
-    """Disturbances while data is collected, by behavior cloning or in iterations."""
+    """Disturbances while data is collected, by behavior cloning or in iterations. `gentle` has no
+    meaning for behavior cloning, and `expert_impulse` only has one for LocoDAGGER and
+    LocoSafeDAGGER."""
     pretraining: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """Disturbances in the pre-training of iterative methods, none by default. Its `gentle` and
     `expert_impulse` have no meaning there: pre-training is one iteration, without tails."""

@@ -23,7 +23,7 @@ class EvaluationConfig(Checked):
     used of it is spread over both."""
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
     """What makes an evaluation harder: friction, mass, sensor noise, delayed torques and pushes;
-    the paper has none of them."""
+    the paper has none of them. `gentle` and `expert_impulse` have no meaning here."""
 
 
 @dataclass(frozen=True)

@@ -107,6 +107,8 @@ class IterativeConfig(Checked):
 
     name: ClassVar[str]
     section: ClassVar[str] = "method"
+    teaches: ClassVar[bool] = False
+    """Whether the expert also drives in order to teach, in queries or in a tail."""
 
     pretraining: ExpertData = field(default_factory=lambda: ExpertData(10, 1, True, 1.5))
     """The expert's rollouts to begin with: 10 velocities x (1 nominal + 10 perturbed) x 1.5 s. The
@@ -169,7 +171,8 @@ class DaggerConfig(IterativeConfig):
     name: ClassVar[str] = "dagger"
 
     p: Share = 0.5
-    """beta_i = p^(i-1) (Ross et al.): the share of the steps that the expert drives."""
+    """The expert drives a step of the run's iteration i with probability p^i. Ross et al. count the
+    pre-training as their first iteration, and so write beta_i = p^(i-1)."""
 
 
 @dataclass(frozen=True)
@@ -190,6 +193,7 @@ class LocoDaggerConfig(IterativeConfig):
     """LocoDAGGER (paper, Algorithm 3 and IV-E)."""
 
     name: ClassVar[str] = "loco_dagger"
+    teaches: ClassVar[bool] = True
 
     alpha: Share = 0.5
     """Decay of the expert's influence: it drives a period of 50 ms with probability alpha^(i-1);
@@ -207,6 +211,7 @@ class LocoSafeDaggerConfig(IterativeConfig):
     """LocoSafeDAGGER (paper, Algorithm 4 and IV-E)."""
 
     name: ClassVar[str] = "loco_safe_dagger"
+    teaches: ClassVar[bool] = True
     renamed: ClassVar[Mapping[str, str]] = {"guard": "gates"}
 
     velocities: Count = 20

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal
 
 from surefoot.config.checked import Angle, Checked, Rising, Share, Within
@@ -105,3 +105,26 @@ class DisturbanceConfig(Checked):
     noise: StateNoiseConfig = field(default_factory=StateNoiseConfig)
     delay: Annotated[int, Within(0, LONGEST_DELAY)] = 0
     """[ms] how long it takes from a torque's command to its action."""
+
+
+def acting(
+    disturbance: DisturbanceConfig, *, rises: bool = False, teaches: bool = False
+) -> DisturbanceConfig:
+    """A disturbance without what changes nothing: settings of pushes that never come are defaults.
+
+    Args:
+        disturbance: What is drawn for each episode.
+        rises: Whether there are iterations over which pushes grow (`gentle`).
+        teaches: Whether the expert drives in order to teach, in a tail or in queries
+            (`expert_impulse`).
+    """
+    plain = DisturbanceConfig()
+    pushed = disturbance.pushes > 0
+    taught = teaches and disturbance.expert_impulse != plain.expert_impulse
+    return replace(
+        disturbance,
+        impulse=disturbance.impulse if pushed else plain.impulse,
+        gentle=disturbance.gentle if pushed and rises else plain.gentle,
+        expert_impulse=disturbance.expert_impulse if taught else plain.expert_impulse,
+        push_duration=disturbance.push_duration if pushed or taught else plain.push_duration,
+    )

@@ -6,15 +6,28 @@ top level, and those of the expert under ``expert``.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from surefoot.config import Backend
-from surefoot.config.json_io import read_record
+from surefoot.config import Backend, Config, DisturbanceConfig
+from surefoot.config.json_io import changes, read_record
+from surefoot.config.scenarios import acting
 from surefoot.evaluation.gaits import Switching
 from surefoot.evaluation.push_limits import PushDifference, PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.evaluation.statistics import PairedDifference
+from surefoot.robots.load import load_robot
+from surefoot.robots.scaling import own_pushes
+
+IDLE = {
+    "gentle": "it belongs to data that is collected (--config.collection.gentle of train)",
+    "expert_impulse": "it belongs to data that is collected (--config.collection of train)",
+    "impulse": "nothing is pushed; add --disturbance.pushes 1",
+    "push_duration": "nothing is pushed; add --disturbance.pushes 1",
+    "fall_angle": "it is not more than safety.fall_angle",
+}
+"""Why a setting may change nothing in an evaluation."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +74,50 @@ class EvaluationReport(Robustness):
     mirror_error_mrad: float | None = None
     terrain: str | None = None
     switching: Switching | None = None
+
+
+def disturbances(config: Config) -> dict[str, Any]:
+    """What disturbs the robots of an evaluation, with pushes of their own size in place of None.
+
+    Args:
+        config: What is evaluated.
+
+    Returns:
+        Dotted name of each setting of `DisturbanceConfig` that changes something -> its value.
+    """
+    plain = DisturbanceConfig()
+    return {name: value for name, value, _ in changes(_disturbing(config), plain)}
+
+
+def check_disturbances(config: Config, before: DisturbanceConfig) -> None:
+    """Check that what was asked for disturbs the robots of an evaluation.
+
+    Args:
+        config: What is evaluated.
+        before: The disturbance that the options have changed; what it holds is not judged.
+
+    Raises:
+        ValueError: A setting changes nothing; the message says why.
+    """
+    disturbance = config.evaluation.disturbance
+    asked = {name for name, _, _ in changes(disturbance, before)}
+    for name, _, _ in changes(_own_disturbance(config), _disturbing(config)):
+        if name in asked:
+            option = f"--disturbance.{name.replace('_', '-')}"
+            raise ValueError(f"{option} changes nothing in an evaluation: {IDLE[name]}")
+
+
+def _own_disturbance(config: Config) -> DisturbanceConfig:
+    """The disturbance of an evaluation, with pushes of the robot's own size in place of None."""
+    return own_pushes(config.evaluation.disturbance, load_robot(config.robot))
+
+
+def _disturbing(config: Config) -> DisturbanceConfig:
+    """The disturbance of an evaluation, where all that changes nothing is as it is by default."""
+    disturbance = acting(_own_disturbance(config))
+    if disturbance.fall_angle <= config.safety.fall_angle:
+        disturbance = replace(disturbance, fall_angle=DisturbanceConfig().fall_angle)
+    return disturbance
 
 
 def read_report(path: Path) -> EvaluationReport:

@@ -263,7 +263,7 @@ def run_cost(metrics: Sequence[StageRecord], T: float) -> RunCost:
         takeovers=sum(record.takeovers for record in later) if later else None,
         falls_per_robot_minute=falls / minutes if later else None,
         expert_share=by_expert / sum(seconds) if later else None,
-        seconds=stage_seconds(metrics, bool(later)),
+        seconds=stage_seconds(metrics, any(record.iteration > 0 for record in collected)),
     )
 
 

@@ -20,9 +20,9 @@ from surefoot.config import (
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
 )
-from surefoot.config.checked import known
 from surefoot.config.json_io import changes
 from surefoot.config.methods import IterativeConfig
+from surefoot.config.scenarios import acting
 from surefoot.config.study import EXPERT
 from surefoot.methods import METHODS
 from surefoot.mpc.gaits import names_of
@@ -210,9 +210,10 @@ def label_of(run: Run) -> str:
         parts.append(f"alpha {method.alpha:g}")
     if isinstance(method, LocoSafeDaggerConfig):
         parts.append(" + ".join(method.gates))
-    if collection.pushes or known(collection.expert_impulse, "expert_impulse")[1]:
-        parts.append("pushes")
     plain = DisturbanceConfig()
+    taught = acting(collection, teaches=isinstance(method, IterativeConfig) and method.teaches)
+    if taught.pushes or taught.expert_impulse != plain.expert_impulse:
+        parts.append("pushes")
     if (
         collection.friction != plain.friction
         or collection.mass != plain.mass

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import get_args
 
-from surefoot.config import Backend, DisturbanceConfig
-from surefoot.config.json_io import changes
+from surefoot.config import Backend
 from surefoot.evaluation.push_limits import PushDifference, PushResult
+from surefoot.evaluation.report import disturbances
 from surefoot.evaluation.robustness import Robustness, VelocityError
 from surefoot.evaluation.statistics import Interval, PairedDifference, wilson
 from surefoot.runs.accounting import RunCost
@@ -145,8 +145,8 @@ def _about_results(comparison: Comparison, measured: Sequence[Measured]) -> str:
     robots = sorted(
         {f"{each.pushes.episodes} robots" for each in measured if each.pushes is not None}
     )
-    disturbed = changes(comparison.config.evaluation.disturbance, DisturbanceConfig())
-    settings = ", ".join(f"{name} {value}" for name, value, _ in disturbed)
+    disturbed = disturbances(comparison.config)
+    settings = ", ".join(f"{name} {value}" for name, value in disturbed.items())
     return (
         f"{comparison.episodes} `test` initial states of {', '.join(comparison.starts)}"
         f"{f', disturbed: {settings}' if settings else ''}; "

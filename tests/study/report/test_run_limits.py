@@ -6,6 +6,8 @@ import pytest
 
 from surefoot.config import DisturbanceConfig
 from surefoot.config.presets import preset
+from surefoot.config.scenarios import acting
+from surefoot.methods import METHODS
 from surefoot.study.report.run_limits import disturbances, limits_of
 
 
@@ -39,12 +41,14 @@ def test_pushes_of_pretraining_and_of_iterations_are_told_apart():
 
 
 def test_options_of_pushes_that_never_come_disturb_nobody():
-    disturbance = DisturbanceConfig(0, (0.3, 1.5), gentle=0.7, fall_angle=60.0)
-    assert disturbances(disturbance) == []
-    assert disturbances(replace(disturbance, expert_impulse=(0.5, 3.0))) == [
-        "expert_impulse [0.5, 3.0]"
-    ]
-    assert disturbances(replace(disturbance, delay=3)) == ["delay 3"]
+    idle = DisturbanceConfig(0, (0.3, 1.5), gentle=0.7, fall_angle=60.0)
+    assert disturbances(acting(idle, rises=True, teaches=True)) == []
+    assert disturbances(replace(acting(idle), delay=3)) == ["delay 3"]
+    taught = replace(idle, expert_impulse=(0.5, 3.0))
+    # Only LocoDAGGER and LocoSafeDAGGER let the expert drive in order to teach.
+    for method in METHODS:
+        text = text_of(replace(preset(method), collection=taught))
+        assert ("expert_impulse [0.5, 3.0]" in text) == method.startswith("loco_")
 
 
 @pytest.mark.parametrize("method", ["behavior_cloning", "dagger"])

@@ -6,6 +6,8 @@ import json
 
 from surefoot.config import BehaviorCloningConfig, CommandBox, Config, DisturbanceConfig
 from surefoot.config.json_io import changes
+from surefoot.config.methods import IterativeConfig
+from surefoot.config.scenarios import acting
 
 SIMULATORS = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
 """The simulators as their authors write them."""
@@ -15,8 +17,6 @@ SEEN = {
     "proprioceptive": "what a robot measures, with a history of it",
 }
 """What the network of each observation layout sees."""
-PUSHES = ("pushes", "impulse", "gentle", "push_duration")
-"""Options that describe pushes, and mean nothing without any."""
 
 
 def limits_of(config: Config, is_field_run: bool) -> list[str]:
@@ -76,11 +76,13 @@ def _flattery(config: Config, is_field_run: bool) -> str:
 
 def _disturbed(config: Config, is_field_run: bool) -> list[str]:
     """What disturbed the robots while data was collected."""
-    is_cloned = isinstance(config.method, BehaviorCloningConfig)
+    method = config.method
+    is_cloned = isinstance(method, BehaviorCloningConfig)
     first = config.collection if is_cloned else config.pretraining
-    parts = [("While the expert was recorded", disturbances(first))]
-    if not is_cloned and not is_field_run:
-        parts.append(("In the iterations", disturbances(config.collection)))
+    parts = [("While the expert was recorded", disturbances(acting(first)))]
+    if isinstance(method, IterativeConfig) and not is_field_run:
+        later = acting(config.collection, rises=True, teaches=method.teaches)
+        parts.append(("In the iterations", disturbances(later)))
     told = [f"{when}, robots were disturbed: {', '.join(what)}." for when, what in parts if what]
     if told:
         return told
@@ -92,11 +94,10 @@ def disturbances(disturbance: DisturbanceConfig) -> list[str]:
     """What disturbs robots, as options with their values; empty if nothing does.
 
     Args:
-        disturbance: What is drawn for each episode.
+        disturbance: What is drawn for each episode, without what changes nothing.
     """
     return [
         f"{name} {json.dumps(value)}"
         for name, value, _ in changes(disturbance, DisturbanceConfig())
-        # A range of impulses or an angle of falls disturbs nobody where nobody is pushed.
-        if name != "fall_angle" and (disturbance.pushes > 0 or name not in PUSHES)
+        if name != "fall_angle"  # it disturbs nobody
     ]
