@@ -114,7 +114,10 @@ def main() -> int:
     parser.add_argument("--keep", help="a folder that is left there, instead of a temporary one")
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(args.keep or temporary)
+        folder = Path(args.keep or temporary).resolve()  # programs run in other folders
+        folder.mkdir(parents=True, exist_ok=True)
+        if any(folder.iterdir()):
+            parser.error(f"--keep {args.keep} is not empty; name another folder")
         run([sys.executable, "-m", "build", "--outdir", folder / "dist", ROOT])
         (wheel,) = (folder / "dist").glob("*.whl")
         (sdist,) = (folder / "dist").glob("*.tar.gz")

@@ -2,8 +2,9 @@
 
 ``python benchmarks/reinforcement/ppo.py --minutes 60 --out FOLDER`` trains for so long of one
 core's time, and appends a line of JSON to FOLDER/progress.jsonl every few minutes: robot-hours,
-survivors of the `test` initial states over 10 s, and the error of the mean velocity. The same
-evaluation of the expert at the environment's rate is the last line. Needs the extra ``gym``.
+survivors over 10 s of 100 draws from the `test` initial states, and the error of the mean velocity.
+The same evaluation of the expert at the environment's rate is the last line. Needs the extra
+``gym``, and Stable-Baselines3.
 """
 
 from __future__ import annotations
@@ -62,7 +63,7 @@ class Reached:
 
 
 def measure(act: Actions, who: str, robot_hours: float, minutes: float, expert: bool) -> Reached:
-    """Let a controller drive from the first initial states of `test`."""
+    """Let a controller drive from initial states of `test`: the same draws for every controller."""
     env = gym.make_vec(
         "surefoot/Solo12-v0",
         num_envs=EPISODES,

@@ -1,10 +1,13 @@
-"""Messages that name what was given, what is allowed, and the nearest name; all of them short."""
+"""Messages that name what was given, what is allowed, and the nearest name; and interrupts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import signal
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from difflib import get_close_matches
 from reprlib import Repr
+from threading import current_thread, main_thread
 
 _BRIEF = Repr()
 _BRIEF.maxstring = 200
@@ -35,6 +38,27 @@ def interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
         seen.add(id(candidate))
         waiting += [candidate.__context__, candidate.__cause__]
     return None
+
+
+@contextmanager
+def interrupts_held_back() -> Iterator[list[int]]:
+    """A context that Ctrl-C, a closed terminal and SIGTERM do not interrupt; it says which came.
+
+    Only the main thread is ever interrupted, so that elsewhere nothing is held back.
+    """
+    came: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGHUP, signal.SIGTERM)
+    before = {each: signal.getsignal(each) for each in numbers}
+    own = [each for each, answer in before.items() if callable(answer)]
+    if current_thread() is not main_thread():
+        own = []
+    for each in own:
+        signal.signal(each, lambda number, frame: came.append(number))
+    try:
+        yield came
+    finally:
+        for each in own:
+            signal.signal(each, before[each])
 
 
 def shown(value: object) -> str:

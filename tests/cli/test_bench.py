@@ -160,6 +160,20 @@ def test_a_configuration_that_end_to_end_would_ignore_is_refused(surefoot, calls
     assert not calls
 
 
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (("plan", "--preset", "default"), "--preset is for end_to_end, not for plan"),
+        (("expert", "--preset", "default"), "--preset is for end_to_end, not for expert"),
+        (("--episodes", 3), "--episodes is for expert, not for all"),
+    ],
+)
+def test_an_option_of_another_measurement_is_refused(surefoot, calls, capsys, args, message):
+    assert surefoot("bench", *args) == 2
+    assert message in capsys.readouterr().err
+    assert not calls
+
+
 def test_a_preset_is_looked_up_before_anything_is_measured(surefoot, calls, capsys):
     assert surefoot("bench", "--preset", "quik") == 2
     assert "did you mean 'quick'" in capsys.readouterr().err

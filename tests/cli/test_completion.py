@@ -30,6 +30,7 @@ CASES = [
     (("evaluate", "--sim", ""), ["mujoco", "bullet"]),
     (("bench", "end"), ["end_to_end"]),
     (("completion", "z"), ["zsh"]),
+    (("study", "pa"), ["pause", "paper"]),
 ]
 FILES = [("play", "runs"), ("train", "--run", "loco"), ("run", "--robot", "u")]
 """Where the shell completes names of files, as no word fits."""

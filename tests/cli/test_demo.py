@@ -65,8 +65,10 @@ def test_it_stops_where_a_step_fails(steps, failing, names):
     ("robot", "folder"),
     [(None, "demo"), ("solo12", "demo"), ("go2", "demo-go2"), ("own/b1.toml", "demo-b1")],
 )
-def test_each_robot_has_a_folder_of_its_own(steps, robot, folder):
+def test_each_robot_has_a_folder_of_its_own(steps, robot, folder, capsys):
     done, _ = steps
     Demo(robot=robot)()
+    named = "" if robot is None else f" --robot {robot}"
+    assert f"surefoot train loco_safe_dagger{named}  (" in capsys.readouterr().out
     assert done[2][1] == Path("runs") / folder
     assert (robot in done[0][1]) == (robot is not None)

@@ -103,6 +103,12 @@ def test_a_box_that_is_reversed_or_no_numbers_is_refused(surefoot, asked, capsys
     assert asked == []
 
 
+def test_a_seed_that_is_none_is_refused_before_any_walk(surefoot, asked, capsys):
+    assert surefoot("prepare", "--seed", -1) == 2
+    assert "--seed is -1; use a number from 0 on" in capsys.readouterr().err
+    assert asked == []
+
+
 def test_several_gaits_are_prepared_each_alone(surefoot, asked, capsys, tmp_path):
     options = ["--robot", "go2", "--gaits", "trot", "walk", "--vx", "-0.2", "0.6"]
     report = tmp_path / "report.json"

@@ -148,6 +148,56 @@ def test_closing_damps():
     assert world.driver.damped
 
 
+SECOND_SIGNAL = """
+import os, signal, sys, threading, time
+from surefoot.deploy.bridge import Bridge, Measurement, UdpChannel, serve
+from tests.fakes.bridge_world import TOY
+
+class Slow:
+    written = 0
+    closing = False
+    def read(self):
+        return Measurement(*[[0.0] * 12] * 3, [0.0, 0.0, 0.0, 1.0], [0.0] * 3, [0.0] * 3)
+    def write(self, command):
+        if self.closing:
+            os.kill(os.getpid(), second)
+            time.sleep(0.01)
+        self.written += 1
+
+# As in a terminal, whatever those who run the tests ignore, such as nohup.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
+first, second = (getattr(signal, name) for name in sys.argv[1:])
+driver = Slow()
+bridge = Bridge(driver, UdpChannel(), TOY)
+close = bridge.close
+def closing():
+    driver.closing = True
+    before = driver.written
+    close()
+    print("damped" if driver.written > before else "not damped", flush=True)
+bridge.close = closing
+threading.Timer(0.1, lambda: os.kill(os.getpid(), first)).start()
+try:
+    serve(bridge)
+except KeyboardInterrupt:
+    print("interrupted", signal.getsignal(signal.SIGINT) == signal.default_int_handler)
+"""
+
+
+@pytest.mark.parametrize("first", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("second", ["SIGINT", "SIGTERM"])
+def test_a_second_signal_does_not_interrupt_the_damping(first, second):
+    ended = subprocess.run(
+        [sys.executable, "-c", SECOND_SIGNAL, first, second],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=60,
+    )
+    assert ended.stdout.split() == ["damped", "interrupted", "True"], ended.stderr
+
+
 @pytest.mark.parametrize("method", ["read", "write"])
 def test_an_interrupt_that_a_driver_hides_is_raised_and_the_joints_are_damped(monkeypatch, method):
     """Compiled code makes an error of its own of it."""
@@ -207,6 +257,12 @@ def test_a_socket_hears_and_waits_for_nobody():
         ({"position_low": (float("nan"),) * 12}, "limits of joint 0"),
         ({"torque": (0.0,) * 12}, "torque limits"),
         ({"damping": -0.1}, "damping is -0.1"),
+        ({"speed": (1.0,) * 11}, "the bridge's speed has 11 values, not 12"),
+        ({"joints": TOY.joints[:11]}, "toy has 11 joints, not 12"),
+        ({"rate_hz": 0}, "rate_hz is 0"),
+        ({"rate_hz": 500.5}, "cannot be sent"),
+        ({"rate_hz": 100, "command_timeout": 0.01}, "every command would be too late"),
+        ({"command_age": 0.0005}, "every command would be too late"),
     ],
 )
 def test_limits_and_times_that_keep_no_robot_safe_are_refused(changes, message):

@@ -147,6 +147,21 @@ def test_a_robot_is_told_to_stand_and_to_walk_on(pipe):
     os.close(writer)
 
 
+@pytest.mark.parametrize("ending", ["stop", "fault"])
+def test_a_robot_that_was_to_stand_walks_after_the_next_start(pipe, ending):
+    reader, writer = pipe
+    operator = Terminal(Command(), descriptor=reader)
+    os.write(writer, b"start\nstand\n")
+    assert operator.wish().rest
+    os.write(writer, b"stop\n" if ending == "stop" else b"stand\n")
+    if ending == "fault":
+        operator.halt()
+    assert operator.wish() == Wish(False, Command())
+    os.write(writer, b"start\n")
+    assert operator.wish() == Wish(True, Command())
+    os.close(writer)
+
+
 def test_bytes_that_are_no_text_start_nothing_and_take_no_memory(pipe):
     reader, writer = pipe
     operator = Terminal(Command(), descriptor=reader)

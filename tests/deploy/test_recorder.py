@@ -1,10 +1,13 @@
 """The flight recorder: the last ten seconds, to the bit, and whole on disk."""
 
+import os
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from surefoot.deploy import drive as drive_module
 from surefoot.deploy.drive import drive, report_of, unused
 from surefoot.deploy.interfaces import JointCommand
 from surefoot.deploy.recorder import FlightRecorder, TickRecord, load_flight, save_flight
@@ -149,6 +152,29 @@ def test_a_terminal_that_closes_is_a_lost_operator_and_the_flight_is_written(tmp
     assert str(load_flight(tmp_path / "flight.npz").fault) == "operator lost"
     world.bridge.tick()
     assert world.is_latched
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupt_while_a_flight_is_written_costs_neither_it_nor_the_report(
+    tmp_path, monkeypatch, number
+):
+    heard = []
+    before = signal.signal(number, lambda *_: heard.append(number))
+    write = drive_module.save_flight
+
+    def save(file, flight):
+        os.kill(os.getpid(), number)
+        write(file, flight)
+
+    monkeypatch.setattr(drive_module, "save_flight", save)
+    try:
+        report = Ends().drive(300, recording=tmp_path / "flight.npz")
+        os.kill(os.getpid(), number)
+        assert heard == [number]  # answered again after it
+    finally:
+        signal.signal(number, before)
+    assert report.fault == "stale state"
+    assert str(load_flight(tmp_path / "flight.npz").fault) == "stale state"
 
 
 def test_the_reason_of_a_fault_outlives_a_disk_that_is_full(tmp_path):

@@ -24,7 +24,9 @@ from surefoot.config.json_io import to_json
 from surefoot.config.presets import TROT_GAIN
 from surefoot.config.profiles import ODRI
 from surefoot.config.robot_table import GO2
+from surefoot.config.single_gaits import each_gait
 from surefoot.mpc.gaits import with_gait, with_gaits
+from surefoot.mpc.schedule import stands
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
@@ -341,6 +343,22 @@ def test_a_gait_that_stands_is_completed_without_commands_only(small_sets):
     config = completed(replace(standing, commands=CommandBox((0.0, 0.0))))
     assert config.expert.command_gain == (1.0, 1.0, 1.0)
     completed(with_gaits(GO2_TROT, ["trot", "stand"]))
+
+
+def test_a_robot_that_stands_among_other_gaits_does_as_it_is_told(fake_walks, monkeypatch, caplog):
+    """It stands whatever the command is, so that no smaller box would help."""
+    walk = module.settle
+
+    def still(config, commands):
+        walks = walk(config, commands)
+        return replace(walks, v=np.zeros_like(walks.v)) if stands(config.gait) else walks
+
+    monkeypatch.setattr(module, "settle", still)
+    config = with_gaits(replace(GO2_TROT, commands=CommandBox((0.0, 0.3))), ["trot", "stand"])
+    made = prepare(each_gait(config)[1], sizes=SMALL).made
+    assert made.commands.vx == (0.0, 0.3)
+    assert made.astray == () and max(made.tracking_error) < 1e-3
+    assert "does not walk as it is told" not in caplog.text
 
 
 def test_a_gait_that_does_not_walk_as_it_is_told_is_warned_of(fake_walks, monkeypatch, caplog):

@@ -190,8 +190,10 @@ def test_a_folder_of_other_episodes_is_not_mixed_in(played, tmp_path):
 def test_a_cell_of_another_planner_is_not_taken_for_one_of_this(played, monkeypatch, tmp_path):
     survey(PLAN, tmp_path)
     monkeypatch.setattr(module, "prepared_key", lambda *_: "another")
-    with pytest.raises(ValueError, match=r"go2-trot-mujoco\.json was measured of another robot"):
-        survey(PLAN, tmp_path)
+    # Neither if it is asked for again, nor if others are to be added to its table.
+    for more in ({}, {"gaits": ("bound",)}, {"robots": ("solo12",)}, {"simulators": ("bullet",)}):
+        with pytest.raises(ValueError, match=r"go2-trot-mujoco\.json is of another robot"):
+            survey(replace(PLAN, **more), tmp_path)
     assert len(played) == 1
 
 

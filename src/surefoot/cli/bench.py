@@ -77,6 +77,10 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
                 "--config does not change end_to_end, which trains the preset of loco_safe_dagger "
                 "that --preset names; `surefoot train` takes such options"
             )
+        if self.preset != Bench.preset and self.what not in ("all", "end_to_end"):
+            raise ValueError(f"--preset is for end_to_end, not for {self.what}; leave it out")
+        if self.episodes != Bench.episodes and self.what != "expert":
+            raise ValueError(f"--episodes is for expert, not for {self.what}; leave it out")
         if self.what == "expert":
             if self.robot is not None:
                 raise ValueError(

@@ -27,6 +27,7 @@ from surefoot.config import METHODS
 from surefoot.config.gait_table import GAITS
 from surefoot.config.presets import PRESETS
 from surefoot.config.robot_table import ROBOTS
+from surefoot.config.studies import STUDIES
 
 Shell = Literal["bash", "zsh", "fish"]
 """The shells that there is a script for."""
@@ -108,7 +109,7 @@ def words_of(command: type, summary: str) -> Words:
     elif issubclass(command, ShowRobot):
         positional = tuple(ROBOTS)
     elif issubclass(command, Study):
-        positional = ACTIONS
+        positional = (*ACTIONS, *STUDIES)
     flags = frozenset(name for name, size in sizes.items() if size == 0)
     return Words(summary, (*sizes, "--help"), values, flags | {"--help"}, positional)
 

@@ -47,12 +47,13 @@ class Demo(OnRobot, OnWorkers):
         print("\n3 of 3: let it walk, and film it (surefoot play)", flush=True)
         status = Play(folder)()
         where = quote(str(folder))
+        same = "" if self.robot is None else f" --robot {quote(self.robot)}"
         print(
             f"\n{folder} holds the data, the policies, metrics.jsonl, curves.png and the film.\n"
             f"Go on with: surefoot play {where} --vx 0.3\n"
             f"            surefoot view {where}           (in the browser; needs the extra viz)\n"
             f"            surefoot report {where}         (a model card)\n"
-            "            surefoot train loco_safe_dagger  (ten minutes, a better policy)"
+            f"            surefoot train loco_safe_dagger{same}  (ten minutes, a better policy)"
         )
         return status
 

@@ -272,7 +272,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             if not disturbed:
                 parts.append("undisturbed")
             for name, value in disturbed.items():
-                numbers = value if isinstance(value, list) else [value]
+                numbers = value if isinstance(value, tuple) else (value,)
                 parts.append("_".join([name, *(f"{number:g}" for number in numbers)]))
         if self.pushes:
             pushed_on = config.push.split

@@ -110,6 +110,8 @@ class Prepare(OnCommands, OnGait, OnRobot, OnSimulator):
         check_outputs(self, [Output("--out", self.out, (".npz",)), Output("--json", self.json)])
         if self.out is not None:
             check_unused(self.out)
+        if self.seed < 0:
+            raise ValueError(f"--seed is {self.seed}; use a number from 0 on")
         perturbation = scaled(PerturbationConfig(), self.scale)
         config = self.with_commands(self.with_robot(self.simulated(self.config)))
         if self.out is not None:

@@ -19,7 +19,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from threading import current_thread, main_thread
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 if __package__:
     from surefoot.deploy import protocol
@@ -28,7 +28,6 @@ else:  # copied, with protocol.py beside it
 
 Address = tuple[str, int]
 """A host and a port."""
-JOINTS = 12
 MOST_DATAGRAMS = 64
 """Maximum number of datagrams read in a tick, so that a flood does not delay the driver."""
 RELEASE = 1.0
@@ -179,7 +178,7 @@ class Bridge:
         self._commanded_at = 0
         self._answered = 0  # the clock in the state that the newest command answers
         self._peers_clock = 0
-        self._damping = (0.0,) * 36 + (description.damping,) * JOINTS + (0.0,) * JOINTS
+        self._damping = (0.0,) * 36 + (description.damping,) * 12 + (0.0,) * 12
         self._command: Sequence[float] = self._damping
         self._measured = driver.read()
 
@@ -275,12 +274,10 @@ class Bridge:
         self.heard += sender == self.peer
 
     def _greet(self, sender: Address, hello: protocol.Packet, now: int) -> None:
-        """Answer a hello with the description, and begin a session where none is going on."""
+        """Answer a hello, perhaps again, and begin a session where none is going on."""
         silent = now - self._heard_at >= RELEASE * 1e9
         fresh = sender == self.peer and self.status == protocol.IDLE and self._sequence == 0
-        if fresh:  # it asks again because the answer was lost
-            pass
-        elif self.peer is None or (silent and self.status != protocol.DRIVING):
+        if not fresh and (self.peer is None or (silent and self.status != protocol.DRIVING)):
             self.peer = sender
             self._session = secrets.randbits(64) | 1
             self._sequence = 0
@@ -288,12 +285,10 @@ class Bridge:
             if self.cause != protocol.DRIVER:
                 self.status = protocol.IDLE
                 self.cause = protocol.NO_CAUSE
-        elif sender != self.peer:
-            self.foreign += 1
-            self.turned_away += 1
-            return
-        else:
-            self.old += 1
+        elif not fresh:
+            self.foreign += sender != self.peer
+            self.turned_away += sender != self.peer
+            self.old += sender == self.peer
             return
         self._heard_at = now
         self._peers_clock = hello.time_ns
@@ -362,20 +357,26 @@ def _hides_interrupt(error: BaseException | None) -> bool:
     return False
 
 
-def _answer_signals() -> list[signal.Signals]:
-    """Let SIGTERM and SIGHUP interrupt as Ctrl-C does, where they would end Python at once."""
-    answered: list[signal.Signals] = []
+def _answer_signals() -> dict[signal.Signals, Any]:
+    """Let one signal interrupt where nobody answers any yet; which, and what they did before."""
+    answered: dict[signal.Signals, Any] = {}
 
     def interrupt(number: int, frame: object) -> None:
-        for each in answered:  # another one must not interrupt the damping
-            signal.signal(each, signal.SIG_IGN)
+        _answer(dict.fromkeys(answered, signal.SIG_IGN))  # nothing must interrupt the damping
         raise KeyboardInterrupt
 
-    for each in (signal.SIGTERM, signal.SIGHUP) if current_thread() is main_thread() else ():
-        if signal.getsignal(each) == signal.SIG_DFL:
-            answered.append(each)
+    main = current_thread() is main_thread()
+    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if main else ():
+        before = signal.getsignal(each)
+        if before in (signal.SIG_DFL, signal.default_int_handler):
+            answered[each] = before
             signal.signal(each, interrupt)
     return answered
+
+
+def _answer(signals: dict[signal.Signals, Any]) -> None:
+    for each, answer in signals.items():
+        signal.signal(each, answer)
 
 
 def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
@@ -394,6 +395,6 @@ def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
             due = max(due + period, time.monotonic() - period)  # lost time is not made up
             time.sleep(max(due - time.monotonic(), 0.0))
     finally:
+        _answer(dict.fromkeys(answered, signal.SIG_IGN))
         bridge.close()
-        for each in answered:
-            signal.signal(each, signal.SIG_DFL)
+        _answer(answered)

@@ -12,7 +12,7 @@ from surefoot.deploy.loop import Runtime
 from surefoot.deploy.real_time import without_pauses
 from surefoot.deploy.recorder import save_flight
 from surefoot.deploy.timing import Times
-from surefoot.errors import HangUp
+from surefoot.errors import HangUp, interrupts_held_back
 from surefoot.files import WriteError, is_stream
 
 LAST_WORDS = 20
@@ -71,8 +71,16 @@ def drive(runtime: Runtime, recording: Path | None, always: bool = False) -> Dri
     except KeyboardInterrupt:
         runtime.stop()
     finally:
-        for _ in range(LAST_WORDS):
-            runtime.damp()
+        with interrupts_held_back():
+            for _ in range(LAST_WORDS):
+                runtime.damp()
+    # It is over; a Ctrl-C that only comes now would cost the recording, and stop nothing.
+    with interrupts_held_back():
+        return _recorded(runtime, recording, always)
+
+
+def _recorded(runtime: Runtime, recording: Path | None, always: bool) -> DriveReport:
+    """Write the recording of a drive that has ended, and report; the arguments are `drive`'s."""
     if recording is None or not (always or runtime.fault is not None):
         return report_of(runtime)
     file = unused(recording)

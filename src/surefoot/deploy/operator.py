@@ -132,10 +132,10 @@ def check_input(instead: str) -> None:
 class Terminal:
     """An operator at a terminal: lines of text on the standard input.
 
-    `start` stands the robot up and lets it walk, `stop` damps it; `stand` lets it stand, and `walk`
-    go on; `vx 0.2`, `vy 0.1` and `yaw 0.5` change the command, and `gait bound` the gait; an empty
-    line is a sign of life, and any other changes nothing and is named in a warning. A line that has
-    the word stop in it stops, whatever else it says.
+    `start` stands the robot up and lets it walk, `stop` damps it; `stand` lets it stand until
+    `walk` or `stop`; `vx 0.2`, `vy 0.1` and `yaw 0.5` change the command, and `gait bound` the
+    gait; an empty line is a sign of life, and any other changes nothing and is named in a warning.
+    A line that has the word stop in it stops, whatever else it says.
 
     Args:
         command: The velocity that is asked for at first.
@@ -180,7 +180,7 @@ class Terminal:
         self._wish = self._wish._replace(go=False)
         for _ in range(MOST_READS):
             self.wish()
-        self._wish = self._wish._replace(go=False)
+        self._wish = self._wish._replace(go=False, rest=False)
         self._text = b""
 
     def _listen(self) -> None:
@@ -225,7 +225,7 @@ def obey(wish: Wish, line: str, vocabulary: Vocabulary) -> Wish:
     if words == ["start"]:
         return wish._replace(go=True)
     if _stops(line):
-        return wish._replace(go=False)
+        return wish._replace(go=False, rest=False)
     if words in (["stand"], ["walk"]):
         return wish._replace(rest=words == ["stand"])
     if len(words) == 2 and vocabulary.steers:

@@ -156,15 +156,20 @@ LONGEST_TIMEOUT = 1.0
 
 
 def check_description(description: Description) -> None:
-    """Check that limits and times of a robot can keep it safe.
+    """Check that a description can be sent, and that limits and times can keep the robot safe.
 
     Args:
         description: What a bridge says of its robot.
 
     Raises:
-        ValueError: The timeout of commands is more than `LONGEST_TIMEOUT`, a range of angles is
-            empty, or a time, another limit or the damping is not positive; NaN is none of these.
+        ValueError: It cannot be sent (see `pack_description`), the rate is below 1 Hz, a time of
+            commands is no longer than a tick, the timeout of commands is more than
+            `LONGEST_TIMEOUT`, a range of angles is empty, or a time, another limit or the damping
+            is not positive; NaN is none of these.
     """
+    pack_description(description)
+    if description.rate_hz < 1:
+        raise ValueError(f"the bridge's rate_hz is {description.rate_hz}; use a number from 1 on")
     if description.command_timeout > LONGEST_TIMEOUT:
         raise ValueError(
             f"the bridge's command_timeout is {description.command_timeout} s; use at most "
@@ -174,6 +179,11 @@ def check_description(description: Description) -> None:
         value = getattr(description, name)
         if not value > 0.0:
             raise ValueError(f"the bridge's {name} is {value}; use a number above 0")
+        if name.startswith("command") and value * description.rate_hz <= 1.0:
+            raise ValueError(
+                f"the bridge's {name} is {value} s, and a tick of its {description.rate_hz} Hz is "
+                "as long: every command would be too late; use a longer one"
+            )
     ranges = zip(description.position_low, description.position_high, strict=True)
     for joint, (low, high) in enumerate(ranges):
         if not low < high:
@@ -286,7 +296,8 @@ def pack_description(description: Description) -> bytes:
         description: What a bridge says of its robot.
 
     Raises:
-        ValueError: A name is longer than 40 bytes, or there are not twelve joints.
+        ValueError: A name is longer than 40 bytes, there are not twelve joints or not as many
+            limits, or the rate is not a whole number.
     """
     if len(description.joints) != JOINTS:
         raise ValueError(f"{description.robot} has {len(description.joints)} joints, not {JOINTS}")
@@ -296,9 +307,14 @@ def pack_description(description: Description) -> bytes:
         raise ValueError(f"the name {long[0]!r} is longer than {_NAME} bytes")
     joints = b"".join(name.ljust(_NAME, b"\0") for name in names[1:])
     numbers = [*description[3:7]]
-    for values in description[7:]:
+    for field, values in zip(description._fields[7:], description[7:], strict=True):
+        if len(values) != JOINTS:
+            raise ValueError(f"the bridge's {field} has {len(values)} values, not {JOINTS}")
         numbers += values
-    return _DESCRIPTION.pack(names[0], joints, description.rate_hz, *numbers)
+    try:
+        return _DESCRIPTION.pack(names[0], joints, description.rate_hz, *numbers)
+    except struct.error as error:
+        raise ValueError(f"the bridge's description cannot be sent: {error}") from error
 
 
 def unpack_description(body: bytes) -> Description:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import cast
 
 from surefoot.config import Backend, Config, DisturbanceConfig
 from surefoot.config.json_io import changes, read_record
@@ -76,7 +76,7 @@ class EvaluationReport(Robustness):
     switching: Switching | None = None
 
 
-def disturbances(config: Config) -> dict[str, Any]:
+def disturbances(config: Config) -> dict[str, float | tuple[float, ...]]:
     """What disturbs the robots of an evaluation, with pushes of their own size in place of None.
 
     Args:
@@ -85,8 +85,11 @@ def disturbances(config: Config) -> dict[str, Any]:
     Returns:
         Dotted name of each setting of `DisturbanceConfig` that changes something -> its value.
     """
-    plain = DisturbanceConfig()
-    return {name: value for name, value, _ in changes(_disturbing(config), plain)}
+    settings = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value, _ in changes(_disturbing(config), DisturbanceConfig())
+    }
+    return cast("dict[str, float | tuple[float, ...]]", settings)
 
 
 def check_disturbances(config: Config, before: DisturbanceConfig) -> None:

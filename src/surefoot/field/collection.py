@@ -24,6 +24,7 @@ from surefoot.deploy.handover import PLANNER_ENDED
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.deploy.real_time import beside_real_time, take_real_time_priority, without_pauses
 from surefoot.deploy.recorder import save_flight
+from surefoot.errors import interrupts_held_back
 from surefoot.field.attempts import Attempt, as_dropped, read_attempts, write_attempts
 from surefoot.field.episode import result_of
 from surefoot.field.session import Crew, Report, Session, deployed_policy
@@ -233,7 +234,10 @@ def _record(folder: Path, attempts: list[Attempt], report: Report) -> None:
     write_attempts(folder, attempts)
     if report.last_seconds is not None:
         name = f"{report.attempt.episode}.npz"
-        save_flight(unused(folder / "flights" / name), report.last_seconds)
+        with interrupts_held_back() as came:  # what a Ctrl-C stops is told by those seconds
+            save_flight(unused(folder / "flights" / name), report.last_seconds)
+        if came:
+            raise KeyboardInterrupt
     _tell(report.attempt)
 
 

@@ -67,7 +67,8 @@ def dataset_card(
         f"- {exported.episodes} episodes: stretches without a gap of the collected ones, of which "
         f"{exported.left_out} frames were too short to be one.",
         *_walking(policy_spec(config), (box.vx, box.vy, box.yaw_rate)),
-        f"- Simulator: {config.simulation.backend}, friction {config.simulation.friction:g}.",
+        f"- Simulator: {config.simulation.backend}, friction {config.simulation.friction:g}"
+        f"{_uneven(config.simulation.terrain)}.",
         f"- SHA-256 of the frames before the export: `{dataset.hash}`.",
         "",
         "| column | what it holds |",
@@ -78,6 +79,13 @@ def dataset_card(
         "",
     ]
     return "\n".join(lines)
+
+
+def _uneven(terrain: str | None) -> str:
+    """What a card says of a terrain."""
+    if terrain is None:
+        return ""
+    return f", terrain {terrain}; heights are above the ground that the loaded feet felt"
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.caches import user_folder
-from surefoot.config import Config, PerturbationConfig, SafetyConfig, Split
+from surefoot.config import Config, Gait, PerturbationConfig, SafetyConfig, Split
 from surefoot.config.checked import known
 from surefoot.config.presets import with_ground, with_rules
 from surefoot.mpc.gaits import gait_name, only_gait
+from surefoot.mpc.schedule import stands
 from surefoot.robots.identity import description_hash
 from surefoot.robots.joint_bounds import with_ranges
 from surefoot.robots.load import load_robot
@@ -130,7 +131,7 @@ def prepare(
         commands=config.commands,
         gain=gain,
         safety=settled_bounds(robot, _own_bounds(robot, config), settled.of(up)),
-        followed=_followed(settled, up, to_ticks(config.gait.period)),
+        followed=_followed(settled, up, config.gait),
         seconds=0.0,
     )
     cycles = {count: _cycle(settled, up, config, each) for count, each in spread.items()}
@@ -241,18 +242,20 @@ def _own_bounds(robot: RobotModel, config: Config) -> SafetyConfig:
     return own_safety(SafetyConfig(fall_height=config.safety.fall_height), height, robot)
 
 
-def _followed(settled: Walks, up: BoolArray, period: int) -> tuple[Followed, ...]:
+def _followed(settled: Walks, up: BoolArray, gait: Gait) -> tuple[Followed, ...]:
     """What the expert made of each command, over whole gait periods.
 
     Args:
         settled: What the robots did, settled.
         up: ``(n,)`` True for robots that have not fallen.
-        period: The gait period [ms].
+        gait: The gait; in one that stands, every command is to stand.
     """
+    told = np.zeros_like(settled.command) if stands(gait) else settled.command
     # Whole periods, so that a gait's sway cancels.
+    period = to_ticks(gait.period)
     ticks = len(settled.tick) // period * period
     last = settled.since(int(settled.tick[-1]) + 1 - ticks)
-    rows = zip(settled.command, last.mean_velocity, up, strict=True)
+    rows = zip(told, last.mean_velocity, up, strict=True)
     return tuple(
         Followed(rounded(command), rounded(velocity) if stays else ZERO, not stays)
         for command, velocity, stays in rows

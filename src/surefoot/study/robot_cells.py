@@ -121,6 +121,11 @@ class GaitCell:
         """The name of the cell's file."""
         return f"{self.robot}-{self.gait}-{self.simulator}.json"
 
+    @property
+    def title(self) -> str:
+        """What the cell is called."""
+        return f"{self.robot}, {self.gait}, {self.simulator}"
+
 
 @dataclass(frozen=True)
 class RobotSurvey:
@@ -229,4 +234,4 @@ def _speed_cell(use: Use | None) -> str:
 
 def _because(cell: GaitCell) -> str:
     """A line of a list: a cell, and why it is not what was asked for."""
-    return f"- {cell.robot}, {cell.gait}, {cell.simulator}: {' '.join(cell.reason.split())}"
+    return f"- {cell.title}: {' '.join(cell.reason.split())}"

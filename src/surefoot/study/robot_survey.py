@@ -19,6 +19,7 @@ import numpy as np
 from surefoot.bench.plan import cold_plans, times_of
 from surefoot.config import Backend, CommandBox, Config, PerturbationConfig, simulated
 from surefoot.config.gait_table import GAITS
+from surefoot.config.robot_table import ROBOTS
 from surefoot.errors import unknown
 from surefoot.evaluation.robustness import evaluation_job, robustness_of
 from surefoot.files import write_json
@@ -153,8 +154,8 @@ def tasks_of(plan: SurveyPlan) -> list[Task]:
     for name in plan.gaits:
         if name not in GAITS:
             raise ValueError(unknown("gait", name, GAITS))
-        most = len(cycle_instants(GAITS[name]))
-        most *= SIZES["test"].velocities * SIZES["test"].perturbations
+        most = len(cycle_instants(GAITS[name])) * SIZES["test"].velocities
+        most *= SIZES["test"].perturbations
         if not 1 <= plan.episodes <= most:
             raise ValueError(
                 f"{plan.episodes} episodes of the gait {name}, which has {most} initial states; "
@@ -183,8 +184,7 @@ def tasks_of(plan: SurveyPlan) -> list[Task]:
                     versions=versions(simulator),
                 )
                 tasks.append(Task(cell, config))
-    files = {task.cell.file for task in tasks}
-    if not tasks or len(files) < len(tasks):
+    if not tasks or len({task.cell.file for task in tasks}) < len(tasks):
         raise ValueError("name at least one robot and one gait, and each of them once")
     return tasks
 
@@ -205,7 +205,7 @@ def box_of(robot: RobotModel, config: Config) -> CommandBox:
 
 
 def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) -> None:
-    """Check that a survey can go on with what a folder holds.
+    """Check that all that a folder holds can stand in one table with what is to be measured.
 
     Args:
         tasks: What is to be measured.
@@ -216,18 +216,21 @@ def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) 
         ValueError: A cell was measured in other episodes, or of another robot, gait or expert.
     """
     first = tasks[0].cell
+    models = {name: name for name in ROBOTS}  # somebody's own that is not named now is not known
+    models |= {task.cell.robot: task.config.robot.model for task in tasks}
     for name, cell in cells.items():
         if (cell.episodes, cell.seconds) != (first.episodes, first.seconds):
             raise ValueError(
                 f"{folder / name} was measured in {cell.episodes} episodes of {cell.seconds:g} s, "
                 f"not in {first.episodes} of {first.seconds:g} s; name another folder with --out"
             )
-    for task in tasks:
-        cell = cells.get(task.cell.file)
-        if cell is not None and (cell.key, cell.asked) != (task.cell.key, task.cell.asked):
+        robots = (models[cell.robot],) if cell.robot in models else ()
+        plan = SurveyPlan(robots, (cell.gait,), (first.simulator,), first.episodes, first.seconds)
+        now = tasks_of(plan)[0].cell if robots else cell
+        if (cell.key, cell.asked) != (now.key, now.asked):
             raise ValueError(
-                f"{folder / cell.file} was measured of another robot, expert, planner or version "
-                "of a package than there is now; name another folder with --out, or remove the file"
+                f"{folder / name} is of another robot, expert, planner or version of a package "
+                "than there is now; name another folder with --out, or remove the file"
             )
 
 
@@ -246,8 +249,7 @@ def measure_cell(task: Task, workers: Workers) -> GaitCell:
     config = replace(task.config, commands=made.commands, start_set=str(prepared.path))
     config = with_preparation(config, made)
     job = evaluation_job(simulated(config, cell.simulator), None, "test", prepared.starts)
-    title = f"{cell.robot}, {cell.gait}, {cell.simulator}"
-    parts = map_chunks(measure_episodes, chunks_of(job), workers, title)
+    parts = map_chunks(measure_episodes, chunks_of(job), workers, cell.title)
     measured = join_measured(parts)
     success = measured.summary.outcome == Outcome.SUCCESS
     limited = np.isfinite(load_robot(config.robot).speed_limit).any()
@@ -392,8 +394,7 @@ def _triple(values: Array) -> Triple:
 
 def _in_words(cell: GaitCell) -> str:
     """A cell for the log."""
-    title = f"{cell.robot}, {cell.gait}, {cell.simulator}"
     if cell.walked is None:
-        return f"{title}: {cell.reason}"
+        return f"{cell.title}: {cell.reason}"
     robustness = cell.walked.robustness
-    return f"{title}: {robustness.successes} of {robustness.episodes}"
+    return f"{cell.title}: {robustness.successes} of {robustness.episodes}"

@@ -1,6 +1,7 @@
 """Minari's own library reads what is exported."""
 
 import warnings
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -89,6 +90,22 @@ def test_rewards_are_those_of_the_environment(walked, tmp_path, monkeypatch):
     for step in range(20):
         decided = robots.decide(episode.actions[step : step + 1], np.ones(1, bool))
         assert decided.reward[0] == pytest.approx(episode.rewards[step], rel=1e-3)
+
+
+def test_frames_of_a_terrain_have_the_environment_of_level_ground(
+    dataset, walked, tmp_path, monkeypatch
+):
+    """Its heights are above the felt ground, as everywhere in the data."""
+    config, _ = walked
+    bumpy = replace(config, simulation=replace(config.simulation, terrain="bumps:0.03"))
+    written = export_minari(dataset, bumpy, tmp_path / "minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    loaded: Any = minari.load_dataset("solo12-behavior-cloning-v0")
+    assert loaded.recover_environment().spec.id == "surefoot/Solo12-v0"
+    assert (
+        "terrain bumps:0.03; heights are above the ground"
+        in (written.folder / "README.md").read_text()
+    )
 
 
 def test_a_dataset_that_exists_is_not_changed(exported, dataset, walked, tmp_path):

@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from dataclasses import replace
 
 import gymnasium as gym
 import numpy as np
@@ -10,8 +11,9 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.env_checker import check_env as sb3_check
 
-from surefoot.config import Config
+from surefoot.config import Config, RobotConfig
 from surefoot.config.json_io import to_json
+from surefoot.config.robot_table import ROBOTS
 from surefoot.interop.gym.env import WalkingEnv, WalkingVectorEnv
 from surefoot.interop.gym.ids import ENVIRONMENTS, environment_of, register_environments
 from surefoot.interop.gym.task import WalkingTask
@@ -49,8 +51,10 @@ def test_registering_twice_changes_nothing():
 
 
 def test_every_robot_has_an_environment():
-    assert environment_of("go2") == "surefoot/Go2-v0"
-    assert environment_of("b1") == "surefoot/Quadruped-v0"
+    assert environment_of(ROBOTS["go2"]) == "surefoot/Go2-v0"
+    assert environment_of(ROBOTS["hyq"]) == "surefoot/Quadruped-v0"
+    own = replace(ROBOTS["go2"], foot_radius=0.03)  # somebody's own, with the same name
+    assert environment_of(own) == "surefoot/Quadruped-v0"
     env = gym.make("surefoot/Quadruped-v0", robot="a1", duration=0.1)
     assert walkers_of(env).robot.name == "a1"
 
@@ -199,6 +203,17 @@ def test_a_configuration_may_come_as_json():
     assert walkers_of(env).robot.name == "solo12"
     assert env.spec is not None
     assert "rate" in env.spec.to_json()
+
+
+def test_a_configuration_of_another_robot_than_the_one_named_is_refused():
+    with pytest.raises(ValueError, match=r"the robot is 'go2', but that of the config"):
+        gym.make("surefoot/Go2-v0", config=Config())
+    with pytest.raises(ValueError, match="there is no robot 'nonsense'"):
+        WalkingVectorEnv(2, "nonsense", config=Config())
+    go2 = Config(robot=RobotConfig(model="go2"))
+    for name in ("surefoot/Go2-v0", "surefoot/Quadruped-v0"):
+        assert walkers_of(gym.make(name, config=go2)).robot.name == "go2"
+    assert walkers_of(gym.make("surefoot/Quadruped-v0")).robot.name == "solo12"
 
 
 def test_an_unknown_option_names_the_nearest():

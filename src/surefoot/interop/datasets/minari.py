@@ -12,6 +12,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 
@@ -97,8 +98,10 @@ def export_minari(
             "number, such as solo12-trot-v0"
         )
     folder = Path(root) / name
-    environment = copy.deepcopy(gymnasium.spec(environment_of(robot.name)))
-    environment.kwargs |= {"config": to_json(config), "rate": TASK.rate}
+    environment = copy.deepcopy(gymnasium.spec(environment_of(robot.spec)))
+    # Heights are above the felt ground, so that the frames are those of a level one.
+    level = replace(config, simulation=replace(config.simulation, terrain=None))
+    environment.kwargs |= {"config": to_json(level), "rate": TASK.rate}
     spec = task_spec(config)
     written = {"episodes": 0, "frames": 0}
 

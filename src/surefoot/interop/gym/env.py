@@ -47,12 +47,12 @@ def _action_space() -> gymnasium.spaces.Box:
 
 
 def _walkers(
-    robot: str, config: Config | Mapping[str, Plain] | None, task: WalkingTask, batch: int
+    robot: str | None, config: Config | Mapping[str, Plain] | None, task: WalkingTask, batch: int
 ) -> Walkers:
     """The robots of an environment.
 
     Raises:
-        ValueError: There is no such robot.
+        ValueError: There is no such robot, or the configuration is of another one.
     """
     if config is not None and not isinstance(config, Config):
         config = from_json(Config, config)
@@ -78,7 +78,8 @@ class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
     """One robot that follows a velocity command.
 
     Args:
-        robot: The name of a robot of the package, or a file with a `RobotSpec`.
+        robot: The name of a robot of the package, or a file with a `RobotSpec`; None is that of the
+            configuration, and without one Solo12.
         config: Robot, gait, commands, simulator, gains and bounds, also as JSON gives them; None
             is the default configuration of ``robot``.
         render_mode: None; `surefoot play` and `surefoot walk` draw robots.
@@ -88,14 +89,15 @@ class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
         walkers: The robot, as a batch of one.
 
     Raises:
-        ValueError: An option is unknown or out of range, or there is no such robot.
+        ValueError: An option is unknown or out of range, there is no such robot, or the
+            configuration is of another one.
     """
 
     metadata: Info = {"render_modes": []}  # noqa: RUF012
 
     def __init__(
         self,
-        robot: str = "solo12",
+        robot: str | None = None,
         config: Config | Mapping[str, Plain] | None = None,
         render_mode: None = None,
         **options: Any,
@@ -158,13 +160,14 @@ class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Ar
         walkers: The robots.
 
     Raises:
-        ValueError: An option is unknown or out of range, or there is no such robot.
+        ValueError: An option is unknown or out of range, there is no such robot, or the
+            configuration is of another one.
     """
 
     def __init__(
         self,
         num_envs: int = 1,
-        robot: str = "solo12",
+        robot: str | None = None,
         config: Config | Mapping[str, Plain] | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         **options: Any,

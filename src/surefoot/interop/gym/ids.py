@@ -8,6 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import ModuleType
 
+from surefoot.config import RobotSpec
+from surefoot.config.robot_table import ROBOTS
+
 NAMESPACE = "surefoot"
 """What the names of all environments begin with."""
 ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
@@ -53,13 +56,13 @@ def import_gymnasium() -> ModuleType:
     return gymnasium
 
 
-def environment_of(robot: str) -> str:
+def environment_of(robot: RobotSpec) -> str:
     """The name of the environment of a robot.
 
     Args:
-        robot: The name of the robot.
+        robot: The robot; one of somebody's own may have the name of another.
     """
     for name, arguments in ENVIRONMENTS.items():
-        if arguments.get("robot") == robot:
+        if "robot" in arguments and ROBOTS[arguments["robot"]] == robot:
             return name
     return f"{NAMESPACE}/Quadruped-v0"

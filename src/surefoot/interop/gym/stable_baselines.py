@@ -33,7 +33,7 @@ class LockstepVecEnv(VecEnv):
         options: The options of `WalkingEnv`.
     """
 
-    def __init__(self, num_envs: int, robot: str = "solo12", **options: Any) -> None:
+    def __init__(self, num_envs: int, robot: str | None = None, **options: Any) -> None:
         self.robots = WalkingVectorEnv(
             num_envs, robot, autoreset_mode=AutoresetMode.SAME_STEP, **options
         )

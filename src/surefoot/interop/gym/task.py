@@ -24,7 +24,7 @@ from surefoot.learning.observation import INPUT_SIZE, Float32Array, network_inpu
 from surefoot.learning.policy import PolicySpec, pd, policy_spec, target_of
 from surefoot.mpc.expert import make_expert
 from surefoot.mpc.gaits import only_gait
-from surefoot.robots.load import load_robot
+from surefoot.robots.load import find_spec, load_robot
 from surefoot.robots.model import standing, stop_speeding
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.compiled import clip_torque
@@ -89,18 +89,26 @@ class WalkingTask(Checked):
             )
 
 
-def walking_config(robot: str, config: Config | None = None) -> Config:
+def walking_config(robot: str | None = None, config: Config | None = None) -> Config:
     """The configuration of an environment, with the robot's own values in place of None.
 
     Args:
-        robot: The name of a robot of the package, or a file with a `RobotSpec`.
-        config: A configuration, whose robot counts; None is the default one of ``robot``.
+        robot: The name of a robot of the package, or a file with a `RobotSpec`; None is that of the
+            configuration.
+        config: A configuration of that robot; None is the default one.
 
     Raises:
-        ValueError: There is no such robot, or the configuration has several gaits.
+        ValueError: There is no such robot, the configuration is of another one, or it has several
+            gaits.
     """
+    named = Config() if robot is None else Config(robot=RobotConfig(model=robot))
     if config is None:
-        config = Config(robot=RobotConfig(model=robot))
+        config = named
+    elif robot is not None and find_spec(config.robot) != find_spec(named.robot):
+        raise ValueError(
+            f"the robot is {robot!r}, but that of the configuration is {config.robot.model!r}; set "
+            f"config.robot to RobotConfig({robot!r}), or leave one of the two out"
+        )
     return with_own_values(only_gait(config, "an environment"))
 
 
