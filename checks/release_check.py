@@ -115,9 +115,9 @@ def main() -> int:
     args = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(args.keep or temporary).resolve()  # programs run in other folders
+        if folder.exists() and not (folder.is_dir() and not any(folder.iterdir())):
+            parser.error(f"--keep {args.keep} is no empty folder; name another one")
         folder.mkdir(parents=True, exist_ok=True)
-        if any(folder.iterdir()):
-            parser.error(f"--keep {args.keep} is not empty; name another folder")
         run([sys.executable, "-m", "build", "--outdir", folder / "dist", ROOT])
         (wheel,) = (folder / "dist").glob("*.whl")
         (sdist,) = (folder / "dist").glob("*.tar.gz")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from difflib import get_close_matches
 from reprlib import Repr
 from threading import current_thread, main_thread
@@ -44,21 +44,17 @@ def interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
 def interrupts_held_back() -> Iterator[list[int]]:
     """A context that Ctrl-C, a closed terminal and SIGTERM do not interrupt; it says which came.
 
-    Only the main thread is ever interrupted, so that elsewhere nothing is held back.
+    That is where Python answers them: what the system does by itself is not changed. Only the main
+    thread is ever interrupted, so that in others nothing is held back.
     """
     came: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGHUP, signal.SIGTERM)
-    before = {each: signal.getsignal(each) for each in numbers}
-    own = [each for each, answer in before.items() if callable(answer)]
-    if current_thread() is not main_thread():
-        own = []
-    for each in own:
-        signal.signal(each, lambda number, frame: came.append(number))
-    try:
+    with ExitStack() as restoring:
+        for each in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
+            answer = signal.getsignal(each)
+            if callable(answer) and current_thread() is main_thread():
+                restoring.callback(signal.signal, each, answer)
+                signal.signal(each, lambda number, frame: came.append(number))
         yield came
-    finally:
-        for each in own:
-            signal.signal(each, before[each])
 
 
 def shown(value: object) -> str:

@@ -151,3 +151,9 @@ def test_what_disturbs_is_reported():
     }
     check_disturbances(config, DisturbanceConfig())
     check_disturbances(evaluated_with(DisturbanceConfig()), disturbance)
+
+
+def test_a_fall_angle_that_a_run_had_may_be_taken_back():
+    before = DisturbanceConfig(fall_angle=60.0)
+    for angle in (0.0, 30.0):
+        check_disturbances(evaluated_with(DisturbanceConfig(fall_angle=angle)), before)

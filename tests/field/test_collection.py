@@ -1,5 +1,7 @@
 """An iteration on a robot: the frames of the simulation, what is kept, dropped and resumed."""
 
+import os
+import signal
 from dataclasses import replace
 from threading import Event
 
@@ -247,6 +249,26 @@ def test_what_is_finished_outlives_an_interruption_and_the_rest_is_collected(run
     ids = [attempt.episode for attempt in read_attempts(run.folder)]
     assert ids == [100000, 100001]
     assert run.dataset.before(100001).hash == before
+
+
+def test_a_ctrl_c_while_an_attempt_is_recorded_costs_nothing_of_it(tmp_path, monkeypatch):
+    """It fell: its frames, its last seconds and the attempt are all there."""
+    run = create(tmp_path / "run", CONFIG)
+    write = collection_module.write_attempts
+
+    def interrupted(folder, attempts):
+        os.kill(os.getpid(), signal.SIGINT)
+        write(folder, attempts)
+
+    monkeypatch.setattr(collection_module, "write_attempts", interrupted)
+    robot = RobotCollection(crew_of(run, LockstepTwin(STANDING), tilt=0.5))
+    with pytest.raises(KeyboardInterrupt):
+        robot(run, 1, job_of(run), ONE)
+    attempts = read_attempts(run.folder)
+    assert (attempts[0].episode, attempts[0].end) == (100000, "fell")
+    assert run.dataset.shards == ("iteration_001-000",)
+    flights = sorted((run.folder / "flights").iterdir())
+    assert flights[0].stem == "100000"
 
 
 class Watching(Unattended):

@@ -112,13 +112,13 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             )
         if self.pushes:
             only_gait(trained_on, "--pushes", "leave --pushes out, or push a policy of one gait")
+        check_disturbances(self.as_asked(trained_on), trained_on.evaluation.disturbance)
         run = run_of_policy(policy)
         given = self.starts or trained_on.start_set
         if run is None and (self.expert or given is None):
             # Before the options, so that every simulator and ground has the same initial states.
             trained_on = prepared_for(policy, replace(trained_on, start_set=given))
         config = self.as_asked(trained_on)
-        check_disturbances(config, trained_on.evaluation.disturbance)
         all_starts_of(config)
         if self.expert and run is not None:
             warn_of_own_expert(run)

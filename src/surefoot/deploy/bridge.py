@@ -17,7 +17,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from threading import current_thread, main_thread
 from typing import Any, NamedTuple, Protocol
 
@@ -357,24 +357,20 @@ def _hides_interrupt(error: BaseException | None) -> bool:
     return False
 
 
-def _answer_signals() -> dict[signal.Signals, Any]:
-    """Let one signal interrupt where nobody answers any yet; which, and what they did before."""
-    answered: dict[signal.Signals, Any] = {}
-
-    def interrupt(number: int, frame: object) -> None:
-        _answer(dict.fromkeys(answered, signal.SIG_IGN))  # nothing must interrupt the damping
-        raise KeyboardInterrupt
-
+def _let_interrupt() -> dict[signal.Signals, Any]:
+    """Let SIGTERM and SIGHUP interrupt as Ctrl-C does; what unanswered signals did before."""
     main = current_thread() is main_thread()
+    answered: dict[signal.Signals, Any] = {}
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if main else ():
         before = signal.getsignal(each)
         if before in (signal.SIG_DFL, signal.default_int_handler):
             answered[each] = before
-            signal.signal(each, interrupt)
+            signal.signal(each, signal.default_int_handler)
     return answered
 
 
 def _answer(signals: dict[signal.Signals, Any]) -> None:
+    """Let signals do what is given."""
     for each, answer in signals.items():
         signal.signal(each, answer)
 
@@ -388,13 +384,12 @@ def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
     """
     period = 1.0 / bridge.description.rate_hz
     due = time.monotonic()
-    answered = _answer_signals()
-    try:
+    with ExitStack() as ending:  # from the last one to the first, whatever is raised
+        answered = _let_interrupt()
+        ending.callback(_answer, answered)
+        ending.callback(bridge.close)
+        ending.callback(_answer, dict.fromkeys(answered, signal.SIG_IGN))
         while running():
             bridge.tick()
             due = max(due + period, time.monotonic() - period)  # lost time is not made up
             time.sleep(max(due - time.monotonic(), 0.0))
-    finally:
-        _answer(dict.fromkeys(answered, signal.SIG_IGN))
-        bridge.close()
-        _answer(answered)

@@ -162,8 +162,8 @@ def check_description(description: Description) -> None:
         description: What a bridge says of its robot.
 
     Raises:
-        ValueError: It cannot be sent (see `pack_description`), the rate is below 1 Hz, a time of
-            commands is no longer than a tick, the timeout of commands is more than
+        ValueError: It cannot be sent (see `pack_description`), the rate is below 1 Hz, every
+            command would be too late at that rate, the timeout of commands is more than
             `LONGEST_TIMEOUT`, a range of angles is empty, or a time, another limit or the damping
             is not positive; NaN is none of these.
     """
@@ -179,10 +179,13 @@ def check_description(description: Description) -> None:
         value = getattr(description, name)
         if not value > 0.0:
             raise ValueError(f"the bridge's {name} is {value}; use a number above 0")
-        if name.startswith("command") and value * description.rate_hz <= 1.0:
+    # A command answers the state of the tick before, and has to be in time until the next one.
+    for name, ticks in (("command_timeout", 1), ("command_age", 2)):
+        least = ticks / description.rate_hz
+        if getattr(description, name) < 1.001 * least:
             raise ValueError(
-                f"the bridge's {name} is {value} s, and a tick of its {description.rate_hz} Hz is "
-                "as long: every command would be too late; use a longer one"
+                f"the bridge's {name} is {getattr(description, name)} s, so that every command at "
+                f"{description.rate_hz} Hz would be too late; use more than {least:g} s"
             )
     ranges = zip(description.position_low, description.position_high, strict=True)
     for joint, (low, high) in enumerate(ranges):

@@ -102,9 +102,12 @@ def check_disturbances(config: Config, before: DisturbanceConfig) -> None:
     Raises:
         ValueError: A setting changes nothing; the message says why.
     """
-    disturbance = config.evaluation.disturbance
-    asked = {name for name, _, _ in changes(disturbance, before)}
-    for name, _, _ in changes(_own_disturbance(config), _disturbing(config)):
+    evaluation = config.evaluation
+    asked = {name for name, _, _ in changes(evaluation.disturbance, before)}
+    then = _disturbing(replace(config, evaluation=replace(evaluation, disturbance=before)))
+    now = _disturbing(config)
+    asked -= {name for name, _, _ in changes(now, then)}  # what disturbed is switched off, say
+    for name, _, _ in changes(_own_disturbance(config), now):
         if name in asked:
             option = f"--disturbance.{name.replace('_', '-')}"
             raise ValueError(f"{option} changes nothing in an evaluation: {IDLE[name]}")

@@ -110,18 +110,22 @@ class RobotCollection:
                     if isinstance(message, BaseException):
                         raise message
                     number, report = message
-                    _record(folder, attempts, report)
+                    with interrupts_held_back() as came:  # what has been walked is recorded first
+                        _record(folder, attempts, report)
                     if report.episode is not None:
                         job = jobs[number]
                         yield number, result_of(job, report.episode, crew.robot, crew.config)
+                    if came:
+                        raise KeyboardInterrupt
         finally:
             # After a Ctrl-C nobody takes these episodes any more, but the robot walked them.
-            while not messages.empty():
-                message = messages.get()
-                if isinstance(message, tuple):
-                    left = message[1]
-                    dropped = replace(left.attempt, end="dropped")
-                    _record(folder, attempts, replace(left, attempt=dropped))
+            with interrupts_held_back():
+                while not messages.empty():
+                    message = messages.get()
+                    if isinstance(message, tuple):
+                        left = message[1]
+                        dropped = replace(left.attempt, end="dropped")
+                        _record(folder, attempts, replace(left, attempt=dropped))
 
     def _drive(
         self,
@@ -234,10 +238,7 @@ def _record(folder: Path, attempts: list[Attempt], report: Report) -> None:
     write_attempts(folder, attempts)
     if report.last_seconds is not None:
         name = f"{report.attempt.episode}.npz"
-        with interrupts_held_back() as came:  # what a Ctrl-C stops is told by those seconds
-            save_flight(unused(folder / "flights" / name), report.last_seconds)
-        if came:
-            raise KeyboardInterrupt
+        save_flight(unused(folder / "flights" / name), report.last_seconds)
     _tell(report.attempt)
 
 

@@ -213,10 +213,10 @@ def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) 
         folder: The folder, for the message.
 
     Raises:
-        ValueError: A cell was measured in other episodes, or of another robot, gait or expert.
+        ValueError: A cell of a robot of the package, or of one that is named, is of something else.
     """
     first = tasks[0].cell
-    models = {name: name for name in ROBOTS}  # somebody's own that is not named now is not known
+    models = {name: name for name in ROBOTS}
     models |= {task.cell.robot: task.config.robot.model for task in tasks}
     for name, cell in cells.items():
         if (cell.episodes, cell.seconds) != (first.episodes, first.seconds):

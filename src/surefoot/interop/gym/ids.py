@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import ModuleType
 
-from surefoot.config import RobotSpec
 from surefoot.config.robot_table import ROBOTS
+from surefoot.config.robots import RobotSpec
 
 NAMESPACE = "surefoot"
 """What the names of all environments begin with."""
