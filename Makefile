@@ -10,8 +10,11 @@ RUN ?=
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 export MKL_NUM_THREADS := 1
+# Images of containers often keep Python from writing bytecode. Tests start hundreds of processes,
+# and each of them would compile the package again.
+export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help venv demo test test-slow test-docs test-pages test-trackio check docs linkcheck format bench peers reproduce reproduce-smoke release-check system clean
+.PHONY: help venv demo test test-thorough test-slow test-docs test-pages test-trackio check docs linkcheck format bench peers reproduce reproduce-smoke release-check system clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
@@ -33,6 +36,9 @@ demo: venv  ## train a policy with LocoSafeDAGGER, evaluate it, film it (minutes
 
 test: venv  ## the tests that are run often
 	$(BIN)/python -m pytest -n auto --dist worksteal
+
+test-thorough: venv  ## further cases of what those tests show: every kill, method and number of workers
+	$(BIN)/python -m pytest -n auto --dist worksteal -m 'thorough and not slow'
 
 test-slow: venv  ## the tests that take minutes
 	$(BIN)/python -m pytest -n auto --dist worksteal -m slow

@@ -15,9 +15,9 @@ from surefoot.files import (
     WriteError,
     check_output,
     claim_file,
-    is_left_over,
     is_locked,
     lock_file,
+    whole_name,
     write_atomic,
     write_json,
     writing,
@@ -93,7 +93,7 @@ def test_a_kill_in_the_middle_leaves_the_old_file_and_a_hidden_one(tmp_path):
     others = [entry.name for entry in tmp_path.iterdir() if entry != path]
     assert len(others) == 1
     assert others[0].startswith(".file.")
-    assert is_left_over(tmp_path / others[0]) and not is_left_over(path)
+    assert whole_name(tmp_path / others[0]) == "file" and whole_name(path) is None
     write_atomic(path, b"new")
     assert path.read_bytes() == b"new"
 

@@ -25,6 +25,7 @@ from ray.cluster_utils import Cluster  # noqa: E402
 ray.cloudpickle.register_pickle_by_value(sys.modules[__name__])
 
 RAY = Workers(2, "ray")
+pytestmark = pytest.mark.thorough
 
 
 @pytest.fixture(scope="module")

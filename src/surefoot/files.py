@@ -146,10 +146,15 @@ def _temporary(path: Path) -> Path:
     return path.with_name(f".{path.name}.{os.getpid()}.tmp")
 
 
-def is_left_over(path: Path) -> bool:
-    """Whether a file is what a killed `write_atomic` has left behind, by its temporary name."""
-    is_file = path.is_file() and not path.is_symlink()
-    return is_file and re.fullmatch(r"\..+\.\d+\.tmp", path.name) is not None
+def whole_name(path: Path) -> str | None:
+    """The name that a file would have if `write_atomic` had not been killed; None of another file.
+
+    It may also be one that another process still writes.
+    """
+    if path.is_symlink() or not path.is_file():
+        return None
+    match = re.fullmatch(r"\.(.+)\.\d+\.tmp", path.name)
+    return None if match is None else match[1]
 
 
 def _write_content(path: Path, content: bytes | Callable[[Path], object]) -> None:

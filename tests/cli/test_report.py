@@ -29,6 +29,19 @@ def test_a_study_has_a_page_and_figures_in_its_folder(
     assert json.loads((tmp_path / "r.json").read_text())["study"] == "paper"
 
 
+def test_a_folder_of_the_studys_name_that_holds_none_is_not_taken_for_it(
+    surefoot, monkeypatch, tmp_path, study_folder
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").mkdir()
+    page = tmp_path / "page.md"
+    page.write_text("without a place\n")
+    json_file = tmp_path / "r.json"
+    asked = ("report", "mine", "--no-film-policies", "--tables", page, "--json", json_file)
+    assert surefoot(*asked) == 2  # before anything is drawn
+    assert not (study_folder / "report.html").exists()
+
+
 def test_claims_stand_in_the_page_that_was_asked_for(surefoot, tmp_path, monkeypatch):
     # That page has no figures, and drawing them takes most of a report's time.
     monkeypatch.setattr(study_page, "draw_all", lambda figures, folder: [NOTHING] * len(figures))

@@ -96,6 +96,17 @@ def test_an_option_that_does_not_exist_or_is_out_of_range_is_refused_with_its_pl
             {"comparisons": (PlannedComparison("test", "safe", "clone", "some"),)},
             "no setting 'some'",
         ),
+        (
+            {"comparisons": (PlannedComparison("test", "safe", "safe", "all"),)},
+            "a comparison is of the runs of two techniques",
+        ),
+        (
+            {
+                "techniques": (SAFE, Technique("mpc", "expert", "expert")),
+                "comparisons": (PlannedComparison("test", "safe", "mpc", "all"),),
+            },
+            "safe with mpc: a comparison is of the runs of two techniques, and the expert has none",
+        ),
         ({"settings": (Setting("a", "a", {"method.x": 1}),)}, "settings.a: there is no option"),
         (
             {"measurements": (Measurement("m", "m", options={"push.x": 1}),)},
@@ -116,6 +127,7 @@ def test_a_study_that_could_not_run_is_refused_before_any_work(changes, words):
         ({"method": "dager"}, "did you mean 'dagger'"),
         ({"preset": "papers"}, "did you mean 'paper'"),
         ({"name": "a b"}, "techniques.name is 'a b'"),
+        ({"name": "a--b"}, "single dashes"),  # which separate the parts of a job's name
         ({"trainings": 0}, "techniques.trainings is 0"),
         ({"options": {"a": [[1]]}}, "techniques.options.a"),
     ],

@@ -1,7 +1,14 @@
 """On the robot NumPy and ONNX Runtime are enough; tests/cli/test_run.py drives a twin with them."""
 
+import ast
+import inspect
 import subprocess
 import sys
+from types import ModuleType
+
+import pytest
+
+from surefoot.deploy import bridge, protocol
 
 PROGRAM = """
 import sys
@@ -24,3 +31,23 @@ print("loaded")
 def test_the_runtime_loads_without_simulators_training_and_robotics():
     child = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True)
     assert child.stdout == "loaded\n", child.stderr
+
+
+@pytest.mark.parametrize("module", [bridge, protocol], ids=["bridge", "protocol"])
+def test_what_is_copied_beside_a_driver_is_written_for_python_3_8(module: ModuleType):
+    """The computers of many robots have it; what is newer in the language fails there."""
+    tree = ast.parse(inspect.getsource(module), feature_version=(3, 8))
+    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
+    assert not [call.lineno for call in calls for word in call.keywords if word.arg == "strict"]
+    # Annotations are not evaluated, but what a module assigns is.
+    values = [node.value for node in tree.body if isinstance(node, (ast.Assign, ast.AnnAssign))]
+    parts = [part for value in values if value is not None for part in ast.walk(value)]
+    generic = [part.value for part in parts if isinstance(part, ast.Subscript)]
+    names = {part.id for part in generic if isinstance(part, ast.Name)}
+    from_abc = [
+        alias.name
+        for node in tree.body
+        if isinstance(node, ast.ImportFrom) and node.module == "collections.abc"
+        for alias in node.names
+    ]
+    assert not names & {"tuple", "list", "dict", "set", "type", *from_abc}

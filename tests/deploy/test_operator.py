@@ -68,6 +68,11 @@ def test_stop_is_obeyed():
         assert obey(Wish(True, Command()), line, Vocabulary()).go is False
 
 
+def test_a_stop_of_a_damped_robot_says_what_ends_the_program(caplog):
+    obey(Wish(False, Command()), "stop", Vocabulary())
+    assert caplog.messages == ["the robot is damped already; Ctrl-C ends the program"]
+
+
 def test_of_a_stop_and_a_start_that_come_together_the_stop_counts(pipe):
     operator = Terminal(Command(), descriptor=pipe[0])
     os.write(pipe[1], b"stop\nstart\n")

@@ -298,6 +298,7 @@ class Gravity:
         return 1.0 + rows[:, -47 + 3]  # the vertical component of gravity is -1 upright
 
 
+@pytest.mark.thorough
 def test_warnings_of_a_policy_do_not_depend_on_the_number_of_workers():
     gates: dict[str, Gate] = {
         "bounds": Bounds(CONFIG.safety),

@@ -2,11 +2,16 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.optimize import isotonic_regression
 from scipy.stats import norm
 
 from surefoot.evaluation import statistics
 from surefoot.evaluation.digits import as_digits
 from surefoot.evaluation.push_fit import (
+    falling_fit,
     fitted_level,
     limit_interval,
     refuting_counts,
@@ -14,6 +19,12 @@ from surefoot.evaluation.push_fit import (
     robots_needed,
 )
 from surefoot.evaluation.statistics import RESAMPLES, resamples, wilson
+
+
+@given(arrays(np.int64, st.tuples(st.just(3), st.integers(1, 9)), elements=st.integers(0, 20)))
+def test_the_fit_is_that_of_isotonic_regression(successes):
+    fits = [isotonic_regression(row, increasing=False).x.round(9) for row in successes]
+    assert np.array_equal(falling_fit(successes), fits)
 
 
 @pytest.mark.parametrize(
@@ -24,6 +35,8 @@ from surefoot.evaluation.statistics import RESAMPLES, resamples, wilson
         ([0, 1, 2, 3, 4], [10, 8, 7, 9, 0], 3.0),  # three that pool to 8
         ([0, 5], [10, 9], 5.0),  # nothing failed
         ([0, 1], [5, 2], 0.0),  # even unpushed robots fail
+        ([0], [5], 0.0),
+        ([0], [8], 0.0),  # no push was tried
     ],
 )
 def test_impulse_at_which_the_monotone_fit_meets_the_share(levels, successes, expected):

@@ -27,7 +27,7 @@ from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.runs import collecting
 from surefoot.runs.policies import PACKAGED_POLICY
-from surefoot.runs.run import Run, create
+from surefoot.runs.run import Run, RunError, create
 from surefoot.types import Command
 from surefoot.viz.replay import recorded_episode
 from surefoot.workers import Workers
@@ -249,6 +249,13 @@ def test_what_is_finished_outlives_an_interruption_and_the_rest_is_collected(run
     ids = [attempt.episode for attempt in read_attempts(run.folder)]
     assert ids == [100000, 100001]
     assert run.dataset.before(100001).hash == before
+    # What is lost, no robot walks again: nothing is driven.
+    summary = run.summary_path("iteration_001-000")
+    summary.unlink()
+    walked = run.dataset.hash
+    with pytest.raises(RunError, match=r"iteration_001-000.npz is lost.*restore it from a copy"):
+        robot(run, 1, job_of(run), ONE)
+    assert run.dataset.hash == walked and not summary.exists()
 
 
 def test_a_ctrl_c_while_an_attempt_is_recorded_costs_nothing_of_it(tmp_path, monkeypatch):

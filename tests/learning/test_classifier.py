@@ -92,6 +92,14 @@ def test_judgement_of_scores_by_hand():
     assert none_positive.average_precision == 0.0
 
 
+@pytest.mark.parametrize("step", [1, -1])
+def test_rows_of_one_probability_are_called_together(step):
+    """A network that has learned nothing is as precise as chance, in any order of the rows."""
+    positive = (np.arange(100) < 10)[::step]
+    quality = judge_classifier(UNJUDGED, np.full(100, 0.3, np.float32), positive, 0.5)
+    assert quality.average_precision == pytest.approx(0.1)
+
+
 def test_held_out_rows_teach_nothing():
     rows, positive, held_out = toy(1000)
     layers = fit_classifier(rows, positive, held_out, seed=0).layers

@@ -200,11 +200,12 @@ def test_a_policy_keeps_a_copy_of_its_network():
 def test_a_policy_answers_any_number_of_inputs_to_the_bit(monkeypatch):
     policy = make_policy()
     inputs = np.random.default_rng(0).normal(size=(100, INPUT_SIZE)).astype(np.float32)
+    assert policy.answers(inputs[:0]).shape == (0, 12)
     together = policy.answers(inputs)
     monkeypatch.setattr("surefoot.learning.policy.ROWS_AT_ONCE", 30)
     np.testing.assert_array_equal(policy.answers(inputs), together)
     np.testing.assert_array_equal(policy.forward(inputs), together)
-    assert policy.answers(inputs[:0]).shape == (0, 12)
+    np.testing.assert_array_equal(policy.answers(inputs[:3]), together[:3])
 
 
 def test_a_policy_can_be_sent_to_workers():

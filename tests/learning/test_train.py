@@ -417,6 +417,7 @@ def test_data_on_disk_train_as_in_memory(tmp_path):
     np.testing.assert_array_equal(other.command_range, FRAMES.command_range)
 
 
+@pytest.mark.thorough
 def test_ten_times_more_data_than_memory_learns_as_well(tmp_path, monkeypatch):
     frames = toy_frames(range(100))
     config = TrainingConfig(batch=64, precision="float32", schedule="cosine")
@@ -437,6 +438,7 @@ def test_ten_times_more_data_than_memory_learns_as_well(tmp_path, monkeypatch):
     assert torch.equal(weights(blocks.network), weights(again.network))
 
 
+@pytest.mark.thorough
 def test_peak_memory_is_bounded_however_large_the_dataset(tmp_path):
     """Samples of five times the bound cost no more memory than those of the bound."""
     program = """

@@ -128,6 +128,7 @@ def test_another_seed_gives_other_data(finished, tmp_path):
     assert len(ids) == 3
 
 
+@pytest.mark.thorough
 def test_a_run_killed_at_every_stage_ends_with_the_same_bits(finished, tmp_path, monkeypatch):
     """Killed twice at each stage, when its work is done: before and after it is written down."""
     append_metrics = Run.append_metrics

@@ -21,6 +21,7 @@ from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.types import Command
 from surefoot.workers import Workers
+from tests.cases import first_often
 from tests.fakes import toy
 from tests.fakes.killed import Killed
 from tests.fakes.runs import fingerprint
@@ -100,7 +101,7 @@ def test_figures_are_given_gait_by_gait(finished):
     assert sum(each.successes for each in validated.gaits) == validated.successes
 
 
-@pytest.mark.parametrize("stage", range(7))
+@pytest.mark.parametrize("stage", first_often(1, range(7)))
 def test_a_run_of_two_gaits_that_is_killed_ends_with_the_same_bits(
     finished, config, tmp_path, monkeypatch, stage
 ):

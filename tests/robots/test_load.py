@@ -446,6 +446,12 @@ def test_a_joint_whose_limits_leave_nothing_between_them_is_refused(tmp_path):
         load_robot(changed(tmp_path, close))
 
 
+def test_limits_of_a_spec_that_leave_nothing_between_them_are_refused():
+    spec = replace(GO2, position_limit=((-1.0, 1.0),) * 2 + ((0.0, 0.0),) + ((-1.0, 1.0),) * 9)
+    with pytest.raises(ValueError, match=r"'FL_calf_joint' may not move.*correct `position_limit`"):
+        load_robot(spec)
+
+
 def test_a_joint_that_slides_is_refused(tmp_path):
     with pytest.raises(ValueError, match="'FL_calf_joint' does not turn about one axis"):
         load_robot(changed(tmp_path, joint_of_type("prismatic")))

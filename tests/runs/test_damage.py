@@ -6,12 +6,14 @@ import os
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import surefoot.cli.main as cli
 import surefoot.files
+import surefoot.runs.collecting
 import surefoot.runs.stages
 from surefoot.config import Config
 from surefoot.files import WriteError
@@ -20,7 +22,8 @@ from surefoot.learning.policy import PolicyFileError
 from surefoot.learning.samples import BLOCK, WIDTH, TrainingSamples
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
-from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.rollouts.jobs import ChunkResult, Job, run_chunk
+from surefoot.runs.run import Run, RunError, create, open_run, run_of_policy
 from surefoot.workers import Workers
 from tests.fakes.runs import fingerprint
 from tests.fakes.small_runs import CLONING, config_of
@@ -185,6 +188,54 @@ def test_a_summary_that_is_lost_is_made_again_and_a_damaged_one_named(finished, 
     summary.unlink()
     assert fingerprint(resume(copy.folder)) == fingerprint(finished)
     assert summary.exists()
+
+
+def test_a_lost_shard_that_cannot_be_made_again_is_not_replaced(copy, monkeypatch):
+    """As with another version of the simulator, in which the rollouts are others."""
+    shard = copy.dataset.shard_path("iteration_000-001")
+    summary = copy.summary_path("iteration_000-001")
+    before = summary.read_bytes()
+    shard.unlink()
+    with monkeypatch.context() as patch:
+        patch.setattr(surefoot.runs.collecting, "run_chunk", with_more_torque)
+        with pytest.raises(RunError, match=r"001.h5 is lost, and playing the rollouts again gave"):
+            resume(copy.folder)
+    assert summary.read_bytes() == before and not shard.exists()
+    resume(copy.folder)
+    assert summary.read_bytes() == before and shard.exists()
+
+
+def with_more_torque(job: Job) -> ChunkResult:
+    result = run_chunk(job)
+    recording = result.recording
+    return replace(result, recording=replace(recording, torque=1.01 * recording.torque))
+
+
+def test_a_damaged_policy_of_a_finished_stage_is_named(finished, copy):
+    """Also where nothing is left to train."""
+    cut(copy.policy_path(0))
+    with pytest.raises(PolicyFileError, match=r"000.safetensors is not a whole.*delete"):
+        resume(copy.folder)
+    copy.policy_path(0).unlink()
+    assert fingerprint(resume(copy.folder)) == fingerprint(finished)
+
+
+def test_resuming_leaves_alone_what_others_write_beside_the_run(copy):
+    theirs = [".film.mp4.7.tmp", "films/.film.mp4.7.tmp"]
+    own = [".metrics.jsonl.7.tmp", "policies/.000.safetensors.7.tmp"]
+    (copy.folder / "films").mkdir()
+    for name in theirs + own:
+        (copy.folder / name).touch()
+    create(copy.folder, CLONING, resume=True)
+    assert [(copy.folder / name).exists() for name in theirs + own] == [True, True, False, False]
+
+
+def test_a_policy_beside_the_configuration_of_another_program_lies_in_no_run(copy, tmp_path):
+    (tmp_path / "out").mkdir()
+    policy = shutil.copy(copy.policy_path(0), tmp_path / "out")
+    (tmp_path / "config.json").write_text('{"model_type": "bert"}')
+    assert run_of_policy(Path(policy)) is None
+    assert run_of_policy(copy.policy_path(0)) is not None
 
 
 def test_a_policy_is_trained_again_once_deleted(finished, copy):

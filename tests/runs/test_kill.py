@@ -168,6 +168,7 @@ def kill_until_done(
     assert bits(folder) == bits(tmp_path / "undisturbed" / "run")
 
 
+@pytest.mark.thorough
 def test_kills_at_a_few_random_instants(tmp_path):
     kill_until_done(tmp_path, TINY, kills=2, seed=1, longest=1.0)
 

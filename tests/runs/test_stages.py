@@ -19,7 +19,7 @@ from surefoot.config import (
 )
 from surefoot.evaluation import imitation
 from surefoot.evaluation.mirror_error import mirror_error_in_starts
-from surefoot.learning.dataset import Dataset, DatasetError
+from surefoot.learning.dataset import Dataset
 from surefoot.learning.policy import PolicyFileError, load
 from surefoot.methods import METHODS
 from surefoot.methods.behavior_cloning import behavior_cloning, collection
@@ -165,7 +165,7 @@ def test_resuming_over_other_data_is_refused(finished, tmp_path):
     other = replace(CLONING, method=replace(CLONING.method, data=ExpertData(1, 1, False, 0.1)))
     run = create(tmp_path / "run", CLONING)
     run.dataset.append("iteration_000-000", finished.dataset.load()[:100])
-    with pytest.raises(DatasetError, match="already holds other frames"):
+    with pytest.raises(RunError, match="is lost, and playing the rollouts again gave others"):
         collect_data(run, 0, collection(Run(run.folder, other), 0), Workers(1))
     assert run.metrics == []
 

@@ -33,6 +33,14 @@ def test_the_processor_is_named_by_model_name_family_and_model(monkeypatch):
     assert processor() == "Xeon @ 2.8, 6, 167"
 
 
+def test_on_arm_it_is_named_by_implementer_and_part(monkeypatch):
+    text = "processor\t: 0\nCPU implementer\t: 0x41\nCPU part\t: 0xd42\n"
+    monkeypatch.setattr(module.Path, "read_text", lambda _: text)
+    assert processor() == "0x41, 0xd42"
+    monkeypatch.setattr(module.Path, "read_text", lambda _: "processor\t: 0\n")
+    assert processor() == platform.machine()
+
+
 def test_where_linux_says_nothing_the_machine_is_named(monkeypatch):
     def missing(_):
         raise FileNotFoundError

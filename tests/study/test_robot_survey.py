@@ -12,6 +12,7 @@ from surefoot.config import CommandBox, Config
 from surefoot.mpc.gaits import with_gait
 from surefoot.robots.load import load_robot
 from surefoot.rollouts.outcome import Outcome
+from surefoot.scenarios import keys
 from surefoot.scenarios.prepare import prepare
 from surefoot.scenarios.walking import GaitError
 from surefoot.study.robot_cells import in_order, read_cells
@@ -195,6 +196,17 @@ def test_a_cell_of_another_planner_is_not_taken_for_one_of_this(played, monkeypa
         with pytest.raises(ValueError, match=r"go2-trot-mujoco\.json is of another robot"):
             survey(replace(PLAN, **more), tmp_path)
     assert len(played) == 1
+
+
+@pytest.mark.parametrize("simulator", ["mujoco", "bullet"])
+def test_a_cell_is_of_the_version_of_its_simulator(played, monkeypatch, tmp_path, simulator):
+    plan = replace(PLAN, simulators=(simulator,))
+    survey(plan, tmp_path)
+    version = keys._version
+    package = {"mujoco": "mujoco", "bullet": "pybullet"}[simulator]
+    monkeypatch.setattr(keys, "_version", lambda name: "0" if name == package else version(name))
+    with pytest.raises(ValueError, match="code or package than there is now"):
+        survey(replace(plan, gaits=("bound",)), tmp_path)
 
 
 def test_a_gait_that_the_robot_does_not_walk_is_a_cell_with_the_reason(

@@ -331,6 +331,7 @@ def test_a_measurement_that_could_not_be_made_is_refused_before_any_work(
     assert not (tmp_path / "new").exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", STUDIES)
 def test_every_cell_of_a_packaged_study_can_be_run(name):
     runner.check_cells(named_study(name))

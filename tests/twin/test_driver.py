@@ -1,12 +1,18 @@
 """The simulated robot behind a bridge: its motors, its sensors, its clock, and how it lies."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from surefoot.config import RobotConfig, SimulationConfig
+from surefoot.config.deploy import RuntimeConfig
+from surefoot.config.profiles import ODRI
+from surefoot.config.robot_table import ROBOTS
 from surefoot.config.twin import SensorNoiseConfig, TwinConfig
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel, clip_torque, standing
+from surefoot.robots.scaling import own_values
 from surefoot.sim import make_simulator
 from surefoot.twin.driver import TwinDriver, damping_of, description_of
 from surefoot.types import JOINTS
@@ -100,6 +106,33 @@ def test_it_stands_up_from_there(robot):
     np.testing.assert_allclose(twin.read().acceleration, [0.0, 0.0, 9.81], atol=0.05)
 
 
+def limited(hips: float, knees: float) -> RobotConfig:
+    """A Solo12 whose electronics switch off before its legs are folded, or soon beside them."""
+    ranges = ((-hips, hips), (-1.45, 1.45), (-knees, knees))
+    narrow = replace(ODRI, name="narrow", position_limit=ranges)
+    return RobotConfig(profile="narrow", profile_spec=narrow)
+
+
+@pytest.mark.parametrize(
+    "which", [*map(RobotConfig, ROBOTS), limited(0.9, 2.4), limited(0.1, 2.8)], ids=str
+)
+def test_every_robot_stands_up_within_the_limits_of_its_bridge(which):
+    """With the stiffness with which a policy's runtime lets it stand."""
+    robot = load_robot(which)
+    twin = driver(robot, TwinConfig())
+    own, runtime = own_values(robot), RuntimeConfig()
+    gains = {"kp": runtime.stand_kp * own.policy_kp, "kd": runtime.stand_kd * own.policy_kd}
+    description = description_of(robot, TwinConfig())
+    low, high = np.array(description.position_low), np.array(description.position_high)
+    begin = np.array(twin.read().joint_position)
+    for tick in range(2000):
+        share = 0.5 - 0.5 * np.cos(np.pi * tick / 2000)
+        twin.write(command(begin + share * (robot.nominal[7:] - begin), **gains))
+        angles = np.array(twin.read().joint_position)
+        assert (low < angles).all() and (angles < high).all(), tick
+    assert twin.simulator.state.q[0, 2] > 0.8 * standing(robot)[2]
+
+
 def test_it_is_set_up_where_it_began_and_held_there(robot):
     twin = driver(robot, TwinConfig())
     before = twin.read()
@@ -191,6 +224,12 @@ def test_its_description_is_that_of_the_robot_or_of_a_profile(robot):
     assert odri.position_high[:3] == (0.9, 1.45, 2.8)
     assert odri.speed == (80.0,) * 12
     assert odri.torque == (1.8,) * 12
+
+
+def test_a_profile_of_another_rate_than_the_policies_is_refused(robot):
+    slow = replace(robot, profile=replace(ODRI, rate=500))
+    with pytest.raises(ValueError, match="odri is 500 Hz, and the twin and policies run at 1000"):
+        description_of(slow, TwinConfig())
 
 
 def test_damping_follows_the_torque_limit(robot):

@@ -56,6 +56,7 @@ def test_pictures_show_the_ground():
     assert np.abs(bumps - slope).mean() > 3.0
 
 
+@pytest.mark.thorough
 def test_the_pictures_are_the_same_for_any_number_of_processes(monkeypatch):
     robot = solo12()
     count = 20

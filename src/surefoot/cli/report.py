@@ -46,6 +46,7 @@ class Report:
     def __call__(self) -> int:
         """Read the results, write the page, and say where it is."""
         from surefoot.runs.run import CONFIG_FILE
+        from surefoot.runs.setup import has_setup
         from surefoot.study.layout import PAGE_FILE, STUDY_FILE
         from surefoot.study.report.films import study_films
         from surefoot.study.report.markdown_page import page_of_tables
@@ -54,8 +55,11 @@ class Report:
         from surefoot.study.report.run_page import write_run_card
         from surefoot.study.report.study_page import study_report, write_study_report
         from surefoot.study.results import read_results
+        from surefoot.study.tables import page_with
 
-        folder = self.target if self.target.exists() else Path("studies") / self.target
+        folder = self.target
+        if not (folder / STUDY_FILE).is_file() and not has_setup(folder):
+            folder = Path("studies") / self.target
         out = self.out or folder
         outputs = [
             Output("--out (its page)", out / PAGE_FILE, is_own=True),
@@ -65,6 +69,8 @@ class Report:
         check_outputs(self, outputs)
         if (folder / STUDY_FILE).is_file():
             results = read_results(folder)
+            if self.tables is not None:
+                page_with("", self.tables, results.study.name)  # is there a place for them?
             report = study_report(results)
             films = study_films(results) if self.film_policies else NOTHING
             page = write_study_report(results, report, out, films)

@@ -24,8 +24,8 @@ class ShowRobot:
 
     JSON keys: name, urdf, mass [kg]; size [mass_ratio and length_ratio to Solo12, com_height and
     base_height m]; own [the gains, heights and weights that follow from its size]; joints [name,
-    source, nominal, low, high rad, torque_limit N m, speed_limit rad/s, link_mass kg]; feet [x, y,
-    z below the base m]; remarks [sentences].
+    source, nominal, low, high rad, torque_limit N m, speed_limit rad/s, link_mass kg]; feet [x, y
+    from the base, z above the ground m]; remarks [sentences].
     """
 
     robot: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME|FILE")]

@@ -88,8 +88,8 @@ class TrainingConfig(Checked):
     decay makes small trainings less a matter of luck."""
     input_noise: Annotated[float, Within(0.0, 10.0)] = 0.0
     """Noise on the observation that the network sees in training, new in each step, with this share
-    of each number's standard deviation over the data; targets, gait clock and command stay as they
-    are. 0 is none (paper)."""
+    of each number's standard deviation over the data of the first training; targets, gait clock and
+    command stay as they are. 0 is none (paper)."""
     validation: Annotated[float, Within(0.0, 0.9)] = 0.1
     """Share of the episodes that is held out for validation, chosen by episode id."""
     threads: Annotated[int, Within(1, 1024)] = 1

@@ -202,8 +202,13 @@ class StudyConfig(Checked):
         _check_unique("measurements", [measurement.name for measurement in self.measurements])
         _check_unique("seeds", [str(seed) for seed in self.seeds])
         for comparison in self.comparisons:
-            self.technique(comparison.technique)
-            self.technique(comparison.reference)
+            sides = (self.technique(comparison.technique), self.technique(comparison.reference))
+            if sides[0] == sides[1] or any(side.method == EXPERT for side in sides):
+                raise ValueError(
+                    f"comparisons: {comparison.technique} with {comparison.reference}: a "
+                    "comparison is of the runs of two techniques, and the expert has none; it "
+                    "stands beside them in every figure"
+                )
             self.setting(comparison.setting)
             self.measurement(comparison.measurement)
         for technique in self.techniques:
@@ -316,15 +321,15 @@ def _part(kind: str, name: str, parts: Mapping[str, Part]) -> Part:
 
 
 def _check_name(field_name: str, name: str) -> None:
-    """Check that a name can be that of a folder on any file system.
+    """Check that a name can be that of a folder on any file system, and a part of a job's name.
 
     Raises:
         ValueError: It cannot.
     """
-    if not _NAME.fullmatch(name):
+    if not _NAME.fullmatch(name) or "--" in name:
         raise ValueError(
-            f"{field_name} is {name!r}; use letters, digits, points, dashes and underscores, and "
-            "begin with a letter or a digit"
+            f"{field_name} is {name!r}; use letters, digits, points, underscores and single "
+            "dashes, and begin with a letter or a digit"
         )
     if name in RESERVED:
         raise ValueError(f"{field_name} is {name!r}; use another name than {', '.join(RESERVED)}")

@@ -1,7 +1,7 @@
 """The bridge: a robot's driver behind datagrams, with a watchdog of its own.
 
-It runs in the driver's own environment and needs the standard library and `protocol.py` beside it
-only; copy both files. The bridge damps the joints until a first command comes, and again, for the
+It runs in the driver's own environment and needs Python 3.8 or later, and `protocol.py` beside it;
+copy both files. The bridge damps the joints until a first command comes, and again, for the
 rest of the session, once the commands stop, are too old, are broken, or the runtime asks for it
 (`Bridge` says what ends a session). A driver's fault latches for good. Read `protocol` first.
 
@@ -19,14 +19,14 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from threading import current_thread, main_thread
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Tuple  # noqa: UP035
 
 if __package__:
     from surefoot.deploy import protocol
 else:  # copied, with protocol.py beside it
     import protocol  # pyright: ignore
 
-Address = tuple[str, int]
+Address = Tuple[str, int]  # noqa: UP006 - Python 3.8 has no tuple[]
 """A host and a port."""
 MOST_DATAGRAMS = 64
 """Maximum number of datagrams read in a tick, so that a flood does not delay the driver."""

@@ -225,6 +225,8 @@ def obey(wish: Wish, line: str, vocabulary: Vocabulary) -> Wish:
     if words == ["start"]:
         return wish._replace(go=True)
     if _stops(line):
+        if not wish.go:
+            logger.warning("the robot is damped already; Ctrl-C ends the program")
         return wish._replace(go=False, rest=False)
     if words in (["stand"], ["walk"]):
         return wish._replace(rest=words == ["stand"])

@@ -187,8 +187,9 @@ def check_description(description: Description) -> None:
                 f"the bridge's {name} is {getattr(description, name)} s, so that every command at "
                 f"{description.rate_hz} Hz would be too late; use more than {least:g} s"
             )
-    ranges = zip(description.position_low, description.position_high, strict=True)
-    for joint, (low, high) in enumerate(ranges):
+    for joint in range(JOINTS):
+        low = description.position_low[joint]
+        high = description.position_high[joint]
         if not low < high:
             raise ValueError(
                 f"the bridge's limits of joint {joint} are {low} to {high} rad; give the smaller "
@@ -310,7 +311,8 @@ def pack_description(description: Description) -> bytes:
         raise ValueError(f"the name {long[0]!r} is longer than {_NAME} bytes")
     joints = b"".join(name.ljust(_NAME, b"\0") for name in names[1:])
     numbers = [*description[3:7]]
-    for field, values in zip(description._fields[7:], description[7:], strict=True):
+    for field in description._fields[7:]:
+        values = getattr(description, field)
         if len(values) != JOINTS:
             raise ValueError(f"the bridge's {field} has {len(values)} values, not {JOINTS}")
         numbers += values

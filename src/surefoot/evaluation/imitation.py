@@ -87,9 +87,10 @@ def imitation_error(config: Config, policy: Path, workers: Workers) -> Imitation
     recording = expert_states(config, workers, all_ticks=imitator.spec.remembers)
     frames = recording.kept_frames
     if not len(frames):
+        low, high = _impulse(config)
         raise ValueError(
-            f"the expert has lost all {ROLLOUTS} robots, each pushed once by {IMPULSE[0]} to "
-            f"{IMPULSE[1]} N s: there is nothing to compare a policy with"
+            f"the expert has lost all {ROLLOUTS} robots, each pushed once by {low:.3g} to "
+            f"{high:.3g} N s: there is nothing to compare a policy with"
         )
     rows = derive(recording, imitator.spec)
     inputs, targets = np.split(rows, [imitator.spec.observation.input_size], axis=1)
@@ -129,17 +130,21 @@ def expert_states(config: Config, workers: Workers, all_ticks: bool = False) -> 
     return _expert_states(same_for_all_methods, content, workers, all_ticks)
 
 
+def _impulse(config: Config) -> tuple[float, float]:
+    """The smallest and the largest push of the robot of a configuration [N s]."""
+    return by_mass(IMPULSE, size_of(load_robot(config.robot)).mass_ratio)
+
+
 @lru_cache(maxsize=4)
 def _expert_states(config: Config, _content: str, workers: Workers, all_ticks: bool) -> Frames:
     """The same of a configuration in which all else is the default, and of its robot's files."""
     starts = starts_of(config).first("select", ROLLOUTS)
-    impulse = by_mass(IMPULSE, size_of(load_robot(config.robot)).mass_ratio)
     job = Job(
         config,
         Episodes(starts, DURATION, id=starts.id),
         ExpertOnly(),
         keep=_some_states,
-        disturbance=DisturbanceConfig(pushes=1, impulse=impulse, fall_angle=FALL_ANGLE),
+        disturbance=DisturbanceConfig(pushes=1, impulse=_impulse(config), fall_angle=FALL_ANGLE),
     )
     title = f"{config.simulation.backend}, expert: pushed select starts"
     results = map_chunks(run_chunk, chunks_of(job), workers, title)

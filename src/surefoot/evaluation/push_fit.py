@@ -23,7 +23,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import isotonic_regression
 
 from surefoot.evaluation.digits import from_digits
 from surefoot.evaluation.statistics import Interval, Z, resamples
@@ -35,23 +34,50 @@ def robots_needed(share: float, n: int) -> float:
     return round(share * n, 9)
 
 
-def fitted_level(levels: Sequence[float], successes: ArrayLike, needed: float) -> float:
-    """Impulse at which a falling curve, fitted to the successes, meets the number needed [N s].
+def falling_fit(successes: ArrayLike) -> Array:
+    """The falling curves nearest to the successes, by least squares (isotonic regression).
+
+    At each level the curve is the least, over the levels at which a run of levels up to this one
+    may begin, of the greatest mean of such a run that ends here or later.
 
     Args:
-        levels: The levels tried, rising [N s].
-        successes: Number of robots that survived each level.
-        needed: Number of robots that have to survive.
+        successes: ``(..., L)`` numbers of robots that survived each of L levels.
+
+    Returns:
+        ``(..., L)`` numbers of robots, to nine digits, so that means which are equal stay so.
     """
-    curve = isotonic_regression(np.asarray(successes), increasing=False).x.round(9)
-    below = np.flatnonzero(curve < needed)
-    if not below.size:
-        return float(levels[-1])
-    k = int(below[0])
-    if k == 0:
-        return 0.0
-    part = (curve[k - 1] - needed) / (curve[k - 1] - curve[k])
-    return float(levels[k - 1] + part * (levels[k] - levels[k - 1]))
+    counts = np.asarray(successes)
+    first, last = np.indices((counts.shape[-1],) * 2)
+    is_run = first <= last
+    sums = np.insert(counts.cumsum(axis=-1), 0, 0, axis=-1)
+    totals = sums[..., None, 1:] - sums[..., :-1, None]
+    means = np.where(is_run, totals / np.where(is_run, last - first + 1, 1), -np.inf)
+    greatest = np.maximum.accumulate(means[..., ::-1], axis=-1)[..., ::-1]
+    return np.where(is_run, greatest, np.inf).min(axis=-2).round(9)
+
+
+def fitted_level(levels: Sequence[float], successes: ArrayLike, needed: float) -> Array:
+    """Impulses at which falling curves, fitted to the successes, meet the number needed [N s].
+
+    Args:
+        levels: The L levels tried, rising [N s].
+        successes: ``(..., L)`` numbers of robots that survived each level.
+        needed: Number of robots that have to survive.
+
+    Returns:
+        ``(...)`` impulses; 0 where a curve begins below the number needed, and the last level where
+        it never falls below it.
+    """
+    tried = np.asarray(levels, float)
+    curve = falling_fit(successes)
+    after = (curve < needed).argmax(axis=-1, keepdims=True)
+    before = np.maximum(after - 1, 0)
+    above = np.take_along_axis(curve, before, axis=-1)
+    drop = above - np.take_along_axis(curve, after, axis=-1)
+    part = np.divide(above - needed, drop, out=np.zeros_like(drop), where=drop > 0.0)
+    met = (tried[before] + part * (tried[after] - tried[before]))[..., 0]
+    met = np.where(curve[..., 0] < needed, 0.0, met)
+    return np.where(curve[..., -1] < needed, met, tried[-1])
 
 
 def refuting_counts(share: float, n: int) -> tuple[float, float]:
@@ -82,8 +108,7 @@ def limit_interval(
         n robots are too few to refute it.
     """
     few, many = refuting_counts(share, n)
-    curve = isotonic_regression(np.asarray(successes), increasing=False).x.round(9)
-    below = np.flatnonzero(curve < robots_needed(share, n))
+    below = np.flatnonzero(falling_fit(successes) < robots_needed(share, n))
     k = int(below[0]) if below.size else len(levels)
     low = float(levels[max(k - 1, 0)]) if many < n else 0.0
     high = float(levels[k]) if below.size and few > 0.0 else strongest
@@ -107,5 +132,5 @@ def resampled_impulses(
     columns = []
     for levels_tried, digits in zip(levels, survived, strict=True):
         counts = draws @ np.array([from_digits(robots) for robots in digits]).T
-        columns.append([fitted_level(levels_tried, row, needed) for row in counts])
+        columns.append(fitted_level(levels_tried, counts, needed))
     return np.array(columns).T

@@ -148,7 +148,7 @@ def result_of_search(
         [max((k for k in each if each[k].sum() >= needed), default=0) for each in tried]
     )
     fitted = tuple(
-        fitted_level(levels_tried, counts, needed)
+        float(fitted_level(levels_tried, counts, needed))
         for levels_tried, counts in zip(levels, successes, strict=True)
     )
     open_limits = _open_limits(levels, successes, push.success, n, push.strongest)

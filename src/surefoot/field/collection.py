@@ -30,8 +30,9 @@ from surefoot.field.episode import result_of
 from surefoot.field.session import Crew, Report, Session, deployed_policy
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rollouts.jobs import ChunkResult, Job
+from surefoot.runs.collecting import lost_files
 from surefoot.runs.metrics import Collected
-from surefoot.runs.run import Run
+from surefoot.runs.run import Run, RunError
 from surefoot.runs.stages import collect_data
 from surefoot.scenarios.starts import at_rest
 from surefoot.workers import Workers
@@ -77,6 +78,12 @@ class RobotCollection:
         if not isinstance(job.policy, Path):
             raise ValueError("a robot is driven by the policy of a file, and the job names none")
         policy = deployed_policy(job.policy, self._crew.robot, run.config)
+        job = on_robot(job, self._crew.robot)
+        if lost := lost_files(run, iteration, job):
+            raise RunError(
+                f"{lost[0]} is lost, and a robot never walks the same way again: restore it from a "
+                "copy, or begin another run"
+            )
 
         def run_jobs(
             jobs: Sequence[Job], workers: Workers, title: str
@@ -84,7 +91,7 @@ class RobotCollection:
             return self._run_jobs(run.folder, policy, jobs)
 
         had = run.collected(iteration)
-        record = collect_data(run, iteration, on_robot(job, self._crew.robot), workers, run_jobs)
+        record = collect_data(run, iteration, job, workers, run_jobs)
         if had is None and record.expert_share > MOSTLY:
             logger.warning(mostly_expert(record))
         return record

@@ -208,8 +208,11 @@ def judge_classifier(
     """
     called = probability > alarm
     hits = float((called & positive).sum())
-    ranked = positive[np.argsort(-probability, kind="stable")]
-    precision = np.cumsum(ranked) / np.arange(1, len(ranked) + 1)
+    order = np.argsort(-probability, kind="stable")
+    ranked = positive[order]
+    # An alarm just below a row calls all rows of its probability.
+    called_then = np.searchsorted(-probability[order], -probability[order], side="right")
+    precision = np.cumsum(ranked)[called_then - 1] / called_then
     return replace(
         quality,
         held_out=len(positive),

@@ -206,9 +206,11 @@ class Policy:
         Returns:
             Joint targets ``(n, 12)`` [rad].
         """
-        # None of the parts is too small for the policy to be exact.
-        parts = np.array_split(inputs, max(math.ceil(len(inputs) / ROWS_AT_ONCE), 1))
-        return np.concatenate([self.forward(part) for part in parts])
+        rows = len(inputs)
+        if rows < MINIMUM_ROWS:
+            inputs = np.pad(inputs, ((0, MINIMUM_ROWS - rows), (0, 0)))
+        parts = np.array_split(inputs, math.ceil(len(inputs) / ROWS_AT_ONCE))
+        return np.concatenate([self.forward(part) for part in parts])[:rows]
 
     def reset(self, batch: int) -> None:
         """Forget everything, and be ready for ``batch`` robots."""

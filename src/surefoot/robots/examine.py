@@ -68,7 +68,7 @@ class RobotReport:
         size: Its ratios to Solo12, and its heights in the nominal pose.
         own: The values that it has of its own: gains, heights, weights.
         joints: All twelve joints, in canonical order.
-        feet: Position of each foot in the nominal pose, below the base [m].
+        feet: Centers of the feet in the nominal pose: x, y from the base, z above the ground [m].
         remarks: What is missing or odd, in sentences.
     """
 

@@ -286,17 +286,20 @@ def _speed_limits(description: Description, spec: RobotSpec) -> Array:
 
 def _position_limits(description: Description, spec: RobotSpec) -> Array:
     """The smallest and largest angle of each joint ``(12, 2)`` [rad]; infinite if there is none."""
-    if spec.position_limit:
-        return np.array(spec.position_limit)
     model = description.model
-    rows = [joint.idx_q for joint in _joints(model, spec)]
+    joints = _joints(model, spec)
+    rows = [joint.idx_q for joint in joints]
     limits = np.column_stack([model.lowerPositionLimit[rows], model.upperPositionLimit[rows]])
     limits[limits[:, 1] - limits[:, 0] >= FREE_TRAVEL] = (-np.inf, np.inf)
-    for joint, (low, high) in zip(_joints(model, spec), limits, strict=True):
+    advice = "give `position_limit` in the spec"
+    if spec.position_limit:
+        limits = np.array(spec.position_limit)
+        advice = "correct `position_limit` in the spec"
+    for joint, (low, high) in zip(joints, limits, strict=True):
         if not low < high:
             raise ValueError(
                 f"{spec.name}, {description.path}: the joint {model.names[joint.id]!r} may not "
-                f"move: its limits are {low:g} and {high:g} rad; give `position_limit` in the spec"
+                f"move: its limits are {low:g} and {high:g} rad; {advice}"
             )
     return limits
 

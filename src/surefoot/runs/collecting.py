@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -216,8 +217,40 @@ def _failure_text(job: Job, summaries: list[Summary]) -> str:
     )
 
 
+def lost_files(run: Run, iteration: int, job: Job) -> list[Path]:
+    """Files of an iteration's chunks that were stored, and that are no longer there.
+
+    Args:
+        run: The run.
+        iteration: The iteration i.
+        job: The iteration's rollouts.
+    """
+    names = {shard_name(iteration, number) for number in range(len(chunks_of(job)))}
+    lost = names & set(run.dataset.shards) - _stored_shards(run, job)
+    paths = [path for name in sorted(lost) for path in _paths_of(run, name, job.trace)]
+    return [path for path in paths if not path.exists()]
+
+
+def _paths_of(run: Run, name: str, trace: bool) -> tuple[Path, ...]:
+    """The files that a chunk leaves behind."""
+    paths = (run.dataset.shard_path(name), run.summary_path(name))
+    return (*paths, run.trace_path(name)) if trace else paths
+
+
 def _store(run: Run, name: str, result: ChunkResult) -> None:
-    """Write what is left of a chunk; the shard last: one that the dataset knows is done."""
+    """Write what is left of a chunk; the shard last: one that the dataset knows is done.
+
+    Raises:
+        RunError: The chunk was stored before, and its frames were others; nothing is replaced.
+    """
+    stored = run.dataset
+    if name in stored.shards and not stored.holds(name, result.recording):
+        paths = _paths_of(run, name, result.trace is not None)
+        lost = next((path for path in paths if not path.exists()), stored.shard_path(name))
+        raise RunError(
+            f"{lost} is lost, and playing the rollouts again gave others: restore it from a copy, "
+            "or go on where it was made, with the same versions"
+        )
     if result.trace is not None:
         save_arrays(run.trace_path(name), result.trace)
     save_arrays(run.summary_path(name), result.summary)
@@ -229,9 +262,7 @@ def _stored_shards(run: Run, job: Job) -> set[str]:
     return {
         name
         for name in run.dataset.shards
-        if run.summary_path(name).exists()
-        and run.dataset.shard_path(name).exists()
-        and (run.trace_path(name).exists() or not job.trace)
+        if all(path.exists() for path in _paths_of(run, name, bool(job.trace)))
     }
 
 

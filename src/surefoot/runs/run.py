@@ -19,7 +19,7 @@ from surefoot.config import Config, method_name
 from surefoot.config.json_io import changes_text, from_json, to_json
 from surefoot.config.json_text import read_file
 from surefoot.config.presets import with_earlier_ground
-from surefoot.files import is_left_over, lock_file, write_atomic, write_json
+from surefoot.files import lock_file, whole_name, write_atomic, write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
 from surefoot.runs.initial_states import (
@@ -36,6 +36,7 @@ from surefoot.runs.layout import (
     KEPT_POLICY_FILE,
     LOCK_FILE,
     METRICS_FILE,
+    OWN,
     RunError,
 )
 from surefoot.runs.metrics import (
@@ -52,7 +53,7 @@ from surefoot.runs.metrics import (
 )
 from surefoot.runs.own_robot import keep_robot, with_own_robot
 from surefoot.runs.precision import choose_for_run, with_precision_of
-from surefoot.runs.setup import Setup, read_setup
+from surefoot.runs.setup import Setup, has_setup, read_setup
 from surefoot.runs.versions import changed_versions, versions
 from surefoot.scenarios.seeds import seed_of
 
@@ -274,9 +275,7 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     check_folder(folder, resume)
     run = Run(folder, config)
     run.claim()  # first: of two that begin together, only one may read and write what follows
-    for part in [*folder.glob(".*"), *folder.glob("*/.*")]:
-        if is_left_over(part):
-            part.unlink()
+    _remove_left_overs(folder)
     run.config = config_for(folder, config, resume)
     if path.exists():
         before = open_run(folder)
@@ -300,6 +299,18 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     used = versions(written.simulation.backend)
     write_json(path, Setup(written, used, run.precision, starts_hash))
     return run
+
+
+def _remove_left_overs(folder: Path) -> None:
+    """Remove what a killed process of the run has left in its folder, which this one has locked.
+
+    What lies beside the run's own files may be a film that another process is drawing now.
+    """
+    own = [part for name in OWN for part in (folder / name).glob(".*")]
+    for part in [*own, *folder.glob(".*")]:
+        name = whole_name(part)
+        if name is not None and (part in own or name in OWN):
+            part.unlink()
 
 
 def config_for(folder: Path, config: Config, resume: bool = False) -> Config:
@@ -342,7 +353,7 @@ def run_of_policy(policy: Path) -> Run | None:
     """
     policy = policy.resolve()
     folder = policy.parent if policy.name == KEPT_POLICY_FILE else policy.parent.parent
-    return open_run(folder) if (folder / CONFIG_FILE).exists() else None
+    return open_run(folder) if has_setup(folder) else None
 
 
 def warn_of_versions(run: Run) -> None:
@@ -369,7 +380,9 @@ def check_folder(folder: Path, resume: bool) -> None:
     path = folder / CONFIG_FILE
     if folder.exists() and not path.exists():
         # A kill in the very first moment leaves no more than a lock, initial states, or parts.
-        foreign = [p for p in folder.iterdir() if not is_left_over(p) and p.name not in EARLY]
+        foreign = [
+            part for part in folder.iterdir() if not whole_name(part) and part.name not in EARLY
+        ]
         if foreign:
             raise RunError(
                 f"{folder} is not empty and holds no run (no {path.name}); choose another folder "

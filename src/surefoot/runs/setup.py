@@ -30,6 +30,21 @@ class Setup:
     starts_hash: str = ""
 
 
+def has_setup(folder: Path) -> bool:
+    """Whether a folder has a run's configuration; a damaged file is taken for one.
+
+    Other programs have a ``config.json`` too.
+    """
+    path = folder / CONFIG_FILE
+    if not path.exists():
+        return False
+    try:
+        content = read_json(path)
+    except ValueError:
+        return True
+    return isinstance(content, dict) and "config" in content
+
+
 def read_setup(folder: Path) -> Setup:
     """The configuration and the versions that a run was started with, as they are in its file.
 

@@ -172,10 +172,12 @@ def train_policy(
 
     Raises:
         RunError: The policy was lost, and training it again gave another loss.
+        PolicyFileError: The file of the policy is damaged, or of the one before.
     """
     done = run.trained(iteration)
     checkpoint = run.checkpoint_path(iteration)
     if done is not None and run.policy_path(iteration).exists():
+        _load_policy(run, iteration)  # a damaged file is an error now, not when it is to drive
         checkpoint.unlink(missing_ok=True)  # left by a run that was killed just before removing it
         return done
     began = time.perf_counter()
@@ -183,10 +185,15 @@ def train_policy(
         data = dataset_of(run, iteration)
     result = _fit(run, iteration, epochs, data, fresh)
     if done is not None and done.train_loss != result.train_loss[-1]:
+        same = "with the same versions"
+        if result.device != done.device:
+            same = f"on {done.device} instead of {result.device}"
+        if iteration > 0 and not fresh:
+            same += ", after the same policy of the iteration before"
         raise RunError(
             f"{run.policy_path(iteration)} is lost, and training it again gave a loss of "
-            f"{result.train_loss[-1]} instead of {done.train_loss} rad, on {result.device} "
-            f"instead of {done.device}: do it where it was trained, or restore it from a copy"
+            f"{result.train_loss[-1]} instead of {done.train_loss} rad: do it where it was "
+            f"trained, {same}, or restore it from a copy"
         )
     _save_policy(run, iteration, data, result)
     record = done or run.append_metrics(
@@ -218,8 +225,7 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
         inputs = policy_spec(config).observation.input_size
         network = PolicyNetwork(config.policy, run.torch_seed("network", 0), inputs)
     else:
-        before = run.policy_path(iteration - 1)
-        network = load(before, find_spec(config.robot).name).network
+        network = _load_policy(run, iteration - 1).network
     with epochs_bar(f"iteration {iteration}: train") as progress:
         return fit(
             network,
@@ -231,6 +237,15 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
             progress,
             run.checkpoint_path(iteration),
         )
+
+
+def _load_policy(run: Run, iteration: int) -> Policy:
+    """The policy of an iteration.
+
+    Raises:
+        PolicyFileError: Its file is damaged, or is of another robot.
+    """
+    return load(run.policy_path(iteration), find_spec(run.config.robot).name)
 
 
 def training_data(config: Config, data: Dataset) -> Dataset | Mirrored:

@@ -14,7 +14,7 @@ from surefoot.config import Backend
 
 PACKAGES = ("surefoot", "numpy", "scipy", "pin", "mujoco", "numba", "torch", "onnxruntime", "h5py")
 """Packages whose versions decide the bits of a result."""
-PROCESSOR_FIELDS = ("model name", "cpu family", "model\t")
+PROCESSOR_FIELDS = ("model name", "cpu family", "model\t", "CPU implementer", "CPU part")
 """Beginnings of the lines of ``/proc/cpuinfo`` that name a model of processor."""
 
 
@@ -59,4 +59,4 @@ def processor() -> str:
     for field in PROCESSOR_FIELDS:
         line = next((line for line in lines if line.startswith(field)), "")
         parts.append(line.partition(":")[2].strip())
-    return ", ".join(parts) or platform.machine()
+    return ", ".join(filter(None, parts)) or platform.machine()

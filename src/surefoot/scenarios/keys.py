@@ -30,6 +30,8 @@ ROOMS = ("mpc", "robots", "scenarios", "sim")
 """Folders of the package whose code decides it too, while somebody changes that code."""
 MODULES = ("rotations.py", "types.py", "config/commands.py", "config/gait_clock.py")
 """Modules outside of these folders that do so."""
+MEASURING = (*ROOMS, "evaluation", "rollouts")
+"""Folders whose code decides what an evaluation of the expert finds."""
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from surefoot.config.json_io import changes
 from surefoot.config.study import EXPERT
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.push_limits import push_difference
+from surefoot.evaluation.report import check_disturbances
 from surefoot.evaluation.robustness import evaluate, success_difference
 from surefoot.files import claim_file, write_json
 from surefoot.robots.load import with_profile
@@ -97,7 +98,10 @@ def compare(
         RunError: A folder holds no run, or a run no such policy.
     """
     opened = open_comparable_runs(runs)
-    config = _config_of(opened[0].config, measurements)
+    first = opened[0].config
+    config = _config_of(first, measurements)
+    if measurements.disturbance is not None:
+        check_disturbances(config, first.evaluation.disturbance)
     stored = starts_of(config)
     rows = rows_of(opened, names, which)
     comparison = Comparison(

@@ -72,7 +72,7 @@ def survey_expert(
     survey = Survey(
         config=config,
         episodes=episodes,
-        versions=versions(),
+        versions=versions("bullet"),
         starts={name: load_starts(name).hash for name in PACKAGED},
         cells=(),
         lost_by_all={},

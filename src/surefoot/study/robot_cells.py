@@ -96,7 +96,7 @@ class GaitCell:
         robot: The name of the robot.
         gait: The name of the gait.
         simulator: The simulator of the episodes; everything else is measured in MuJoCo.
-        key: SHA-256 of all that the initial states depend on.
+        key: SHA-256 of all that the initial states and the episodes depend on.
         episodes: The number of initial states that were asked for.
         seconds: How long each episode lasts [s].
         asked: The commands that were asked for.

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from surefoot.bench.plan import cold_plans, times_of
-from surefoot.config import Backend, CommandBox, Config, PerturbationConfig, simulated
+from surefoot.config import Backend, CommandBox, Config, PerturbationConfig, RobotConfig, simulated
 from surefoot.config.gait_table import GAITS
 from surefoot.config.robot_table import ROBOTS
 from surefoot.errors import unknown
@@ -34,6 +34,7 @@ from surefoot.rollouts.jobs import Job, chunks_of, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries, settled_part, velocities
 from surefoot.runs.versions import versions
+from surefoot.scenarios.keys import MEASURING, code_hash, ingredients_of, key_of
 from surefoot.scenarios.make import SEED, SIZES, cycle_instants
 from surefoot.scenarios.preparation import Triple
 from surefoot.scenarios.prepare import Prepared, prepare, prepared_key, with_preparation
@@ -51,8 +52,7 @@ from surefoot.types import Array, to_ticks
 from surefoot.workers import Workers, map_chunks
 
 FORWARD = (-0.3, 0.6)
-"""[m/s] vx that a robot of Solo12's size is to walk; another's goes with the square root of the
-ratio of leg lengths, as does vy."""
+"""[m/s] vx that a robot of Solo12's size is to walk; `box_of` says what others are."""
 SIDEWAYS = (-0.2, 0.2)
 """[m/s] vy that a robot of Solo12's size is to walk."""
 TURNING = (-0.5, 0.5)
@@ -164,20 +164,20 @@ def tasks_of(plan: SurveyPlan) -> list[Task]:
     evaluation = replace(Config().evaluation, episodes=plan.episodes, duration=plan.seconds)
     tasks = []
     for model in plan.robots:
-        base = Config(evaluation=evaluation)
-        base = replace(base, robot=replace(base.robot, model=model))
+        base = Config(evaluation=evaluation, robot=RobotConfig(model=model))
         robot = load_robot(base.robot)
         for gait in plan.gaits:
             config = with_gait(base, gait)
             config = replace(config, commands=box_of(robot, config))
             own = with_own_values(config, robot)
-            key = prepared_key(own, PerturbationConfig(), SEED, SIZES)
+            prepared = prepared_key(own, PerturbationConfig(), SEED, SIZES)
             for simulator in plan.simulators:
+                measured = ingredients_of(simulated(own, simulator))
                 cell = GaitCell(
                     robot=robot.name,
                     gait=gait,
                     simulator=simulator,
-                    key=key,
+                    key=key_of(prepared, measured, code_hash(MEASURING)),
                     episodes=plan.episodes,
                     seconds=plan.seconds,
                     asked=config.commands,
@@ -193,7 +193,7 @@ def box_of(robot: RobotModel, config: Config) -> CommandBox:
     """The commands that a robot is to walk in a gait, in hundredths; none in one that stands.
 
     Args:
-        robot: The robot.
+        robot: The robot; vx and vy go with the square root of its legs' length.
         config: The gait.
     """
     if stands(config.gait):
@@ -225,11 +225,11 @@ def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) 
                 f"not in {first.episodes} of {first.seconds:g} s; name another folder with --out"
             )
         robots = (models[cell.robot],) if cell.robot in models else ()
-        plan = SurveyPlan(robots, (cell.gait,), (first.simulator,), first.episodes, first.seconds)
+        plan = SurveyPlan(robots, (cell.gait,), (cell.simulator,), cell.episodes, cell.seconds)
         now = tasks_of(plan)[0].cell if robots else cell
         if (cell.key, cell.asked) != (now.key, now.asked):
             raise ValueError(
-                f"{folder / name} is of another robot, expert, planner or version of a package "
+                f"{folder / name} is of another robot, expert, planner, code or package "
                 "than there is now; name another folder with --out, or remove the file"
             )
 

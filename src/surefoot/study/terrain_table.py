@@ -20,14 +20,12 @@ from surefoot.config.single_gaits import each_gait
 from surefoot.evaluation.robustness import Robustness, evaluate
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
+from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
 from surefoot.scenarios.gaits import all_starts_of
-from surefoot.scenarios.keys import ROOMS, code_hash, ingredients_of, key_of
+from surefoot.scenarios.keys import MEASURING, code_hash, ingredients_of, key_of
 from surefoot.study.tables import markdown
 from surefoot.workers import Workers
-
-DECIDING = (*ROOMS, "evaluation", "rollouts")
-"""Folders of the package whose code decides what an evaluation of the expert finds."""
 
 logger = logging.getLogger(__name__)
 
@@ -161,7 +159,7 @@ def key_of_cell(config: Config, walker: Walker) -> str:
         *(ingredients_of(one) for one in each_gait(own)),
         own.robot,
         own.safety,
-        code_hash(DECIDING),
+        code_hash(MEASURING),
         all_starts_of(own).hash,
         own.evaluation,
         own.simulation.terrain,
@@ -180,12 +178,12 @@ def lag(summary: Summary) -> tuple[float, float] | None:
     """Mean and largest lag of robots behind their commands, along them [m/s].
 
     Args:
-        summary: The episodes. Those that failed, or were not to go anywhere, have no part in it;
-            None if no others are left.
+        summary: The episodes. Those that did not succeed, or were not to go anywhere, have no part
+            in it; None if no others are left.
     """
     commanded = summary.command[:, :2]
     speed = np.hypot(*commanded.T)
-    going = ~summary.failed & (speed > 0.0)
+    going = (summary.outcome == Outcome.SUCCESS) & (speed > 0.0)
     if not going.any():
         return None
     along = (summary.mean_velocity[going, :2] * commanded[going]).sum(axis=1) / speed[going]

@@ -28,8 +28,9 @@ BLOWN_UP = 1
 """The bit of a simulation whose numbers have run away."""
 SETTLING = 1500
 """[ticks] Time after which a robot that lies has come to rest."""
-MARGIN = 0.05
-"""[rad] A folded joint stays so far within its limits."""
+MARGIN = 0.25
+"""[rad] A joint is folded no nearer to its limits: a robot that lies on its legs bends it further,
+and once more as it begins to stand."""
 FOLDED = (0.0, 1.25, 2.55)
 """[rad] The joints of a leg of a robot that lies, in the directions of the nominal ones."""
 
@@ -140,8 +141,13 @@ class TwinDriver:
         """The configuration ``(19,)`` in which the robot rests on its belly, its legs folded."""
         q = standing(self._robot)
         low, high = self._robot.position_limit.T
+        if self._robot.profile is not None:
+            least, most = position_limits(self._robot.profile).T
+            low = np.maximum(low, least)
+            high = np.minimum(high, most)
+        margin = np.minimum(MARGIN, 0.5 * (high - low))
         folded = np.copysign(np.tile(FOLDED, len(LEGS)), q[7:])
-        folded = np.clip(folded, low + MARGIN, high - MARGIN)
+        folded = np.clip(folded, low + margin, high - margin)
         q[7:] = folded
         self.place(q, np.zeros(18))
         hold = np.zeros((5, len(JOINTS)))
@@ -195,6 +201,9 @@ def description_of(robot: RobotModel, config: TwinConfig) -> Description:
     Args:
         robot: The robot; with a hardware profile, its limits and timeouts hold instead.
         config: The timeouts.
+
+    Raises:
+        ValueError: The profile has another rate than policies have.
     """
     low, high = robot.position_limit.T
     description = Description(
@@ -213,6 +222,11 @@ def description_of(robot: RobotModel, config: TwinConfig) -> Description:
     limits = robot.profile
     if limits is None:
         return description
+    if limits.rate != TICKS_PER_SECOND:
+        raise ValueError(
+            f"the rate of the profile {limits.name} is {limits.rate} Hz, and the twin and policies "
+            f"run at {TICKS_PER_SECOND} Hz: leave it out"
+        )
     low, high = position_limits(limits).T
     return description._replace(
         rate_hz=limits.rate,

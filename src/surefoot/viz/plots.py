@@ -86,7 +86,7 @@ def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
         _plot_falls(falls, collected)
         _plot_expert_share(share, collected)
         _plot_success(success, validated, best)
-        _label_iterations(success, frames)
+        _label_policies(success, frames, is_series=len(trained) > 1 == len(collected))
         figure.align_ylabels()
         save_figure(figure, path)
     return path
@@ -189,10 +189,14 @@ def _plot_success(axes: Axes, validated: list[Validated], best: int | None) -> N
         )
 
 
-def _label_iterations(axes: Axes, frames: dict[int, int]) -> None:
-    """Name the iterations, and below each the number of frames that it trained on."""
+def _label_policies(axes: Axes, frames: dict[int, int], is_series: bool) -> None:
+    """Name the policies, and below each the number of frames that it trained on.
+
+    They are of iterations, or a series that learned from more and more of the same data.
+    """
     step = math.ceil(len(frames) / MOST_LABELS)
     named = sorted(frames)[::step]
     axes.set_xticks(named, [f"{i}\n{frames[i] / 1000:,.0f}k" for i in named])
     axes.set_xlim(min(frames) - 0.5, max(frames) + 0.5)
-    axes.set_xlabel("iteration (0 is the pre-training), and frames that it trained on")
+    name = "policy" if is_series else "iteration (0 is the pre-training)"
+    axes.set_xlabel(f"{name}, and frames that it trained on")

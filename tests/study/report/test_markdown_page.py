@@ -37,6 +37,24 @@ def test_a_technique_is_a_row_with_its_mean_and_every_run(tmp_path):
     assert cells[-3] == "–, 2.00, 3.00"  # no speed error is stored along x
 
 
+def test_trainings_of_one_seed_cost_as_one_run(tmp_path):
+    techniques = tuple(
+        replace(each, trainings=2) if each.name == "dagger" else each for each in SMALL.techniques
+    )
+    twice = replace(SMALL, techniques=techniques)
+    runs = [FakeRun(falls=(3,)), FakeRun(falls=(3,)), FakeRun(falls=(0,))]  # of seeds 0, 0, 1
+    text = page(study_results({"dagger": runs}, twice), tmp_path / "page.md")
+    row = next(line for line in text.splitlines() if line.startswith("| DAGGER |"))
+    assert row.strip("| ").split(" | ")[-2] == "1.5"
+
+
+def test_titles_of_settings_keep_their_capitals(tmp_path):
+    setting = replace(SETTINGS[0], title="pushed by 2 N s in PyBullet")
+    named = replace(SMALL, settings=(setting,))
+    text = page(study_results({"dagger": [FakeRun(falls=(0,))]}, named), tmp_path / "page.md")
+    assert "### Pushed by 2 N s in PyBullet\n" in text
+
+
 def test_the_prose_stays_and_the_old_tables_go(tmp_path):
     text = page(regimes(dagger=[FakeRun(falls=(0,))]), tmp_path / "page.md")
     assert text.startswith("# A page") and text.endswith("What it means.\n")

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from dataclasses import replace
 from hashlib import sha256
 
@@ -101,6 +102,11 @@ def test_behavior_cloning_keeps_the_policy_of_most_data(tmp_path):
     folder = run_of(tmp_path / "run", BehaviorCloningConfig(), 0, best=1)
     text = page_of(folder, tmp_path / "out").text
     assert "the policy of most data, number 1" in text and "did best on" not in text
+    assert "numbered by the amount of data" in text
+    assert "best policy is chosen" not in text
+    configuration = re.compile(r'^ +".*":', re.MULTILINE)
+    shown = "\n".join(line for line in text.splitlines() if not configuration.match(line))
+    assert "iteration" not in shown.lower() and "pre-training" not in shown
 
 
 def test_the_network_is_that_of_the_layout(folder, tmp_path):

@@ -61,6 +61,7 @@ LOOK: dict[RcKeyType, Any] = {
 """Settings of Matplotlib of all figures of a report."""
 AXIS_TITLES = {
     "iterations": "iteration",
+    "policies": "policy",
     "frames": "frames of the dataset [thousands]",
     "directions": "",
 }
@@ -178,7 +179,7 @@ def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
         axes.set_yscale("log")
     else:
         axes.set_ylim(limits)
-    if figure.kind == "iterations":
+    if figure.kind in ("iterations", "policies"):
         from matplotlib.ticker import MaxNLocator
 
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))

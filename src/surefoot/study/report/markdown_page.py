@@ -15,11 +15,11 @@ from surefoot.runs.budget import SECONDS_PER_SOLVE
 from surefoot.study.cells import cells_of
 from surefoot.study.folder import JudgedPrediction
 from surefoot.study.paper_claims import text_of_claims
-from surefoot.study.report.numbers import Estimate, Number, over_runs
+from surefoot.study.report.numbers import Estimate, Number
 from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure
 from surefoot.study.report.performance import BEST_ERRORS, BEST_FIGURE
 from surefoot.study.report.study_page import StudyReport
-from surefoot.study.report.tables import cost_of
+from surefoot.study.report.tables import mean_costs
 from surefoot.study.report.verdicts import UNJUDGED, Verdict
 from surefoot.study.results import CellResult, StudyResults
 from surefoot.study.run_values import is_trained
@@ -84,7 +84,7 @@ def _settings(results: StudyResults, report: StudyReport) -> list[str]:
     errors = figures[BEST_ERRORS].rows if BEST_ERRORS in figures else [()] * len(best.rows)
     parts = []
     for setting, panels, tracking in zip(results.study.settings, best.rows, errors, strict=True):
-        parts.append(f"### {setting.title.capitalize()}")
+        parts.append(f"### {setting.title[:1].upper()}{setting.title[1:]}")
         parts.append(_setting_table(results, setting.name, panels, tracking, best))
     return parts
 
@@ -151,11 +151,9 @@ def _short(number: Number, scale: float) -> str:
 
 def _costs(cells: list[CellResult]) -> list[str]:
     """The mean falls while collecting, and the mean time of the MPC [s], of finished runs."""
-    spent = [cost_of(cell) for cell in cells if is_trained(cell)]
-    if not spent:
-        return [UNMEASURED, UNMEASURED]
-    falls = over_runs([cost["falls"] for cost in spent])
-    plans = over_runs([cost["plans"] for cost in spent])
+    mean = mean_costs([cell for cell in cells if is_trained(cell)])
+    falls = mean["falls"]
+    plans = mean["plans"]
     if falls is None or plans is None:
         return [UNMEASURED, UNMEASURED]
     return [f"{falls.mean.value:.1f}", f"{plans.mean.value * SECONDS_PER_SOLVE:.1f}"]

@@ -13,7 +13,7 @@ from typing import Literal
 
 from surefoot.study.report.numbers import Estimate, Number, over_runs, over_trainings
 
-Kind = Literal["iterations", "frames", "directions", "techniques"]
+Kind = Literal["iterations", "policies", "frames", "directions", "techniques"]
 """What the horizontal axis counts: iterations, frames of the dataset, directions of a push [deg],
 or nothing, where each technique has a place of its own."""
 
@@ -113,7 +113,8 @@ class ReportFigure:
         name: Name of its files.
         title: Its title.
         caption: What it shows, in whole sentences.
-        kind: What it is drawn against: iterations, frames, directions, or a line a technique.
+        kind: What it is drawn against: iterations, policies, frames, directions, or a line a
+            technique.
         rows: Rows of panels; long ones are drawn as several.
         over_runs: Whether its values are means over runs; else they are those of one run.
     """

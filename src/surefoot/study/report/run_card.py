@@ -122,7 +122,7 @@ def run_card(folder: Path) -> RunCard:
         policy=policy,
         policy_sha256="" if policy is None else sha256(policy.read_bytes()).hexdigest(),
         failures=tuple(_failures(folder, metrics, is_field_run)),
-        figures=_figures(run.method, stages(metrics)),
+        figures=_figures(run.method, is_field_run, stages(metrics)),
     )
 
 
@@ -169,14 +169,21 @@ def _failures(folder: Path, metrics: Sequence[StageRecord], is_field_run: bool) 
     return failures
 
 
-def _figures(method: str, records: Sequence[StageSource]) -> tuple[ReportFigure, ...]:
+def _figures(
+    method: str, is_field_run: bool, records: Sequence[StageSource]
+) -> tuple[ReportFigure, ...]:
     """The figure of a run: failures, share of the expert, and success along its iterations."""
     collected = [
         each for each in records if isinstance(each.record, Collected) and each.record.iteration > 0
     ]
     validated = [each for each in records if isinstance(each.record, Validated)]
     panels = []
+    captions = []
     if collected:
+        captions.append(
+            "Failed rollouts in the paper's count and physical falls while collecting data, and "
+            "the share of the time that the MPC drove."
+        )
         failed = [_group(each, paper_failures(each, method)) for each in collected]
         fell = [_group(each, falls(each)) for each in collected]
         drove = [_group(each, each.share("expert_share")) for each in collected]
@@ -186,23 +193,33 @@ def _figures(method: str, records: Sequence[StageSource]) -> tuple[ReportFigure,
             Panel(SHARE.title, SHARE, _curve("MPC", drove)),
         ]
     if validated:
+        captions.append(
+            "The success of each policy on the select initial states, with Wilson's 95 % interval."
+        )
         success = [_success(each) for each in validated]
         panels.append(Panel(SUCCESS.title, SUCCESS, _curve("success", success)))
     if not panels:
         return ()
     rows = tuple(tuple(panels[first : first + 2]) for first in range(0, len(panels), 2))
+    is_series = method == "behavior_cloning"
     figure = ReportFigure(
         "iterations",
-        "Along the iterations",
-        "Failed rollouts in the paper's count and physical falls while collecting data, the share "
-        "of the time that the MPC drove, and the success of each iteration's policy on the select "
-        "initial states, by which the best one is chosen (with Wilson's 95 % interval). Iteration "
-        "0 is the pre-training.",
-        "iterations",
+        "Along the amount of data" if is_series else "Along the iterations",
+        " ".join([*captions, _about_iterations(method, is_field_run)]),
+        "policies" if is_series else "iterations",
         rows,
         over_runs=False,
     )
     return (figure,)
+
+
+def _about_iterations(method: str, is_field_run: bool) -> str:
+    """What the numbers of the policies mean, and which policy is kept."""
+    if method == "behavior_cloning":
+        return "Policies are numbered by the amount of data; that of most data is kept."
+    if is_field_run:
+        return "Iteration 0 is the pre-training; the last policy is kept."
+    return "Iteration 0 is the pre-training; the best policy is chosen by its success."
 
 
 def _curve(title: str, groups: Sequence[Group]) -> tuple[Curve, ...]:
@@ -212,7 +229,7 @@ def _curve(title: str, groups: Sequence[Group]) -> tuple[Curve, ...]:
 
 def _group(stage: StageSource, value: Number) -> Group:
     """What a stage has measured, at its iteration."""
-    label = f"iteration {stage.record.iteration}"
+    label = str(stage.record.iteration)
     return group_of(label, [RunPoint(0, stage.number("iteration"), value)])
 
 

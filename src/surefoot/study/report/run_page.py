@@ -139,9 +139,19 @@ def _state(card: RunCard) -> str:
         return "not finished: no best policy yet"
     if card.is_field_run:
         return f"finished: the last policy, of iteration {card.best_iteration}"
-    if isinstance(card.config.method, BehaviorCloningConfig):
+    if _is_series(card):
         return f"finished: the policy of most data, number {card.best_iteration}"
     return f"the policy of iteration {card.best_iteration} did best on the select initial states"
+
+
+def _is_series(card: RunCard) -> bool:
+    """Whether the run is a series of policies that learned from more and more of the same data."""
+    return isinstance(card.config.method, BehaviorCloningConfig)
+
+
+def _stage_name(card: RunCard) -> str:
+    """What the numbers of the run's policies count."""
+    return "policy" if _is_series(card) else "iteration"
 
 
 def _training(card: RunCard) -> list[Markup]:
@@ -164,8 +174,11 @@ def _training(card: RunCard) -> list[Markup]:
                 _minutes(found),
             )
         )
+    title = "Iterations; 0 is the pre-training"
+    if _is_series(card):
+        title = "Policies, by the amount of data"
     head = (
-        *("iteration", "rollouts", "falls", "MPC diverged", "takeovers", "MPC drove, over T"),
+        *(_stage_name(card), "rollouts", "falls", "MPC diverged", "takeovers", "MPC drove, over T"),
         *("MPC solves", "frames trained on", "epochs", "L1 [rad]", "L1, held out [rad]"),
         "minutes",
     )
@@ -181,7 +194,7 @@ def _training(card: RunCard) -> list[Markup]:
     whole = json.dumps(to_json(card.config), indent=1)
     return [
         facts(pairs),
-        table("Iterations; 0 is the pre-training", head, rows),
+        table(title, head, rows),
         folded(
             f"{len(options)} options that differ from the paper's",
             table("Options that differ from the paper's", ("option", "here", "paper"), options),
@@ -225,10 +238,10 @@ def _results(card: RunCard, pictures: Sequence[Markup]) -> list[Markup]:
     validated = [each for each in stages(card.metrics) if isinstance(each.record, Validated)]
     rows = [_validation_row(each) for each in validated]
     head = (
-        *("iteration", "success on select [%]", "95 % interval", "fell", "stalled"),
+        *(_stage_name(card), "success on select [%]", "95 % interval", "fell", "stalled"),
         *(f"MSE {quantity.title} [{quantity.unit}]" for quantity in ERRORS),
     )
-    parts.append(table("Policies of all iterations, on the select initial states", head, rows))
+    parts.append(table("All policies, on the select initial states", head, rows))
     for figure, picture in zip(card.figures, pictures, strict=True):
         caption = element("figcaption", escaped(figure.caption))
         scrolling = element("div", picture, {"class": "scroll"})

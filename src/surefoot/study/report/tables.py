@@ -20,7 +20,15 @@ from surefoot.study.report.markup import (
     number,
     table,
 )
-from surefoot.study.report.numbers import Estimate, Number, over_runs, rate, stored, total
+from surefoot.study.report.numbers import (
+    Estimate,
+    Number,
+    over_runs,
+    over_trainings,
+    rate,
+    stored,
+    total,
+)
 from surefoot.study.report.panels import Curve, Panel, Quantity, ReportFigure
 from surefoot.study.report.source import METRICS_FILE, best_test, stages
 from surefoot.study.results import CellResult, StudyResults
@@ -135,6 +143,22 @@ def cost_of(cell: CellResult) -> dict[str, Number]:
     return costs
 
 
+def mean_costs(cells: Sequence[CellResult]) -> dict[str, Estimate | None]:
+    """What runs cost in the mean, by the keys of `COSTS`.
+
+    Trainings on the data of one seed count as one run, with their mean.
+    """
+    by_seed: dict[int, list[dict[str, Number]]] = {}
+    for cell in cells:
+        by_seed.setdefault(cell.cell.seed, []).append(cost_of(cell))
+    return {
+        key: over_runs(
+            [over_trainings([cost[key] for cost in costs]) for costs in by_seed.values()]
+        )
+        for key in COSTS
+    }
+
+
 def _peak_torque(cell: CellResult) -> Number:
     """The largest torque of a cell's best policy where it is measured first; else not known."""
     for measurement in cell.tests:
@@ -154,10 +178,10 @@ def cost_tables(results: StudyResults) -> Markup:
             if not cells:
                 continue
             costs = [cost_of(cell) for cell in cells]
-            finished = [cost_of(cell) for cell in cells if is_trained(cell)]
+            mean = mean_costs([cell for cell in cells if is_trained(cell)])
             row = []
             for key, (_, quantity) in COSTS.items():
-                estimate = over_runs([cost[key] for cost in finished])
+                estimate = mean[key]
                 row.append(MISSING if estimate is None else number(estimate.mean, quantity))
             means.append((escaped(technique.title), escaped(setting.title), *row))
             for cell, cost in zip(cells, costs, strict=True):
