@@ -262,7 +262,7 @@ def _stored_shards(run: Run, job: Job) -> set[str]:
     return {
         name
         for name in run.dataset.shards
-        if all(path.exists() for path in _paths_of(run, name, bool(job.trace)))
+        if all(path.exists() for path in _paths_of(run, name, job.trace))
     }
 
 
