@@ -19,6 +19,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import fields
+from hashlib import sha256
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory, TemporaryFile
@@ -300,6 +301,11 @@ def write_json(path: Path, record: object) -> None:
         WriteError: The disk is full, or read-only.
     """
     write_atomic(path, json.dumps(to_json(record), indent=1, allow_nan=False).encode())
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file, as hexadecimal digits."""
+    return sha256(path.read_bytes()).hexdigest()
 
 
 def save_arrays(path: Path, record: DataclassInstance) -> None:

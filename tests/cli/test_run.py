@@ -309,7 +309,7 @@ def test_the_experts_gate_has_the_bounds_that_the_policy_was_trained_under(polic
 
 @pytest.mark.parametrize("rate", [1000, 500])
 def test_the_expert_drives_for_a_block_of_seconds_at_every_rate(policy, rate, monkeypatch):
-    monkeypatch.setattr("surefoot.twin.planner.PlannerProcess", NoPlanner)
+    monkeypatch.setattr("surefoot.field.planner.PlannerProcess", NoPlanner)
     bounds = SafetyBounds((0.0, 1.0), (-0.1, 0.1), (-0.1, 0.1), ((-4.0, 4.0),) * 12)
     bounded = with_description(policy, bounds=bounds, rate_hz=rate)
     config = RuntimeConfig(block=0.1)

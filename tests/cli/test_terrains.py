@@ -10,9 +10,9 @@ import pytest
 import surefoot.study.terrain_table as module
 from surefoot.cli.terrains import Terrains
 from surefoot.config import Config, ExpertConfig, OtherGait, RobotConfig
+from surefoot.config.gait_table import GAITS
 from surefoot.config.robot_table import SOLO12
 from surefoot.config.sim import GROUNDS
-from surefoot.mpc.gaits import GAITS
 from surefoot.runs import policies
 from surefoot.runs.policies import PACKAGED_POLICY
 from surefoot.scenarios.starts import load_starts, save_starts

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import Config
+from surefoot.config.gait_table import GAITS
 from surefoot.evaluation.gaits import (
     evaluate_switching,
     follows,
@@ -13,7 +14,7 @@ from surefoot.evaluation.gaits import (
     results_by_gait,
     switching_job,
 )
-from surefoot.mpc.gaits import GAITS, with_gaits
+from surefoot.mpc.gaits import with_gaits
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.gait_switches import GaitSwitches
 from surefoot.scenarios.gaits import IDS_OF_A_GAIT

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from surefoot.config import DaggerConfig, ExpertConfig, LocoSafeDaggerConfig, OtherGait
+from surefoot.config.gait_table import GAITS
 from surefoot.learning.frames import whole_episode
 from surefoot.learning.policy import load
 from surefoot.learning.samples import derive
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
-from surefoot.mpc.gaits import GAITS
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.runs.checks import check_config

@@ -15,9 +15,10 @@ from surefoot.config import (
     OtherGait,
 )
 from surefoot.config.gait_clock import in_stance
+from surefoot.config.gait_table import GAITS, gait_name
 from surefoot.config.single_gaits import each_gait
 from surefoot.mpc.expert import make_plan, make_planner
-from surefoot.mpc.gaits import GAITS, gait_name, numbers_of, with_gait, with_gaits
+from surefoot.mpc.gaits import numbers_of, with_gait, with_gaits
 from surefoot.mpc.schedule import horizon, stands
 from surefoot.robots.geometry import state_of
 from surefoot.robots.model import standing

@@ -18,10 +18,11 @@ from surefoot.config import (
     SafetyConfig,
 )
 from surefoot.config.checked import known
+from surefoot.config.gait_table import GAITS
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.robot_table import ANYMAL_C, GO2, HYQ, ROBOTS, SOLO12
 from surefoot.config.single_gaits import each_gait
-from surefoot.mpc.gaits import GAITS, with_gait, with_gaits
+from surefoot.mpc.gaits import with_gait, with_gaits
 from surefoot.robots.canonical import joint_axes
 from surefoot.robots.joint_bounds import (
     joint_bounds,

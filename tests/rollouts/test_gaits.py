@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from surefoot.config import Gait
+from surefoot.config.gait_table import GAITS
 from surefoot.mpc.expert import Expert
-from surefoot.mpc.gaits import GAITS
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, join_episodes

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import TABLE_I, Gait, SafetyConfig
-from surefoot.mpc.gaits import GAITS
+from surefoot.config.gait_table import GAITS
 from surefoot.rollouts.outcome import (
     Outcome,
     airborne,

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 
 from surefoot.config import CommandBox, Config, ExpertConfig, OtherGait, RobotConfig
-from surefoot.config.gait_table import GAITS
+from surefoot.config.gait_table import GAITS, gait_name
 from surefoot.config.single_gaits import each_gait
-from surefoot.mpc.gaits import gait_name, with_gait, with_gaits
+from surefoot.mpc.gaits import with_gait, with_gaits
 from surefoot.runs.first_stage import first_stage
 from surefoot.runs.run import RunError, config_for, create, open_run
 from surefoot.scenarios import prepare as module

@@ -13,13 +13,13 @@ import pytest
 
 import surefoot.cli.main as cli
 from surefoot.config import CommandBox, Config, Gait, PolicyConfig, RobotConfig
-from surefoot.config.gait_table import gait_names
+from surefoot.config.gait_table import GAITS, gait_name, gait_names
 from surefoot.config.json_io import to_json
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import GaitTiming, ObservationSpec, gait_timings
 from surefoot.learning.policy import Policy, PolicySpec, load, save
 from surefoot.methods.behavior_cloning import behavior_cloning
-from surefoot.mpc.gaits import GAITS, gait_name, numbers_of
+from surefoot.mpc.gaits import numbers_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import own_values, with_own_values
 from surefoot.runs.policies import find_policy, prepared_for, safety_bounds

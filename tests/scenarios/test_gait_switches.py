@@ -7,8 +7,9 @@ import pytest
 
 from surefoot.config import Config
 from surefoot.config.gait_clock import in_stance, switch_tick
+from surefoot.config.gait_table import GAITS
 from surefoot.learning.observation import goal, observation_spec
-from surefoot.mpc.gaits import GAITS, with_gaits
+from surefoot.mpc.gaits import with_gaits
 from surefoot.scenarios.gait_switches import (
     NEVER,
     GaitSwitches,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from surefoot.config import TABLE_I, Config, ExpertConfig, OtherGait
-from surefoot.mpc.gaits import GAITS, with_gaits
+from surefoot.config.gait_table import GAITS
+from surefoot.mpc.gaits import with_gaits
 from surefoot.robots.bounds import joint_rows
 from surefoot.robots.several_gaits import envelope, for_each_gait
 from surefoot.scenarios.gaits import IDS_OF_A_GAIT, AllStarts, all_starts_of, gait_of

@@ -62,7 +62,7 @@ def kept_files(tmp_path, kind: str = "prepared") -> list:
 def test_what_is_prepared_is_made_once_and_found_again(fake_walks, tmp_path):
     first = made()
     assert not first.kept
-    assert first.command_gain == pytest.approx((1.25, 1.25, 1.25))
+    assert first.made.command_gain == pytest.approx((1.25, 1.25, 1.25))
     assert first.path.stem == first.made.key
     assert [path.name for path in kept_files(tmp_path)] == [first.path.name]
     assert (len(first.starts["nominal"]), len(first.starts["train"])) == (30, 60)

@@ -12,8 +12,9 @@ import pytest
 
 from surefoot.config import CommandBox, Config, Gait, PerturbationConfig, RobotConfig
 from surefoot.config.gait_clock import in_stance
+from surefoot.config.gait_table import GAITS
 from surefoot.config.robot_table import GO2
-from surefoot.mpc.gaits import GAITS, with_gait
+from surefoot.mpc.gaits import with_gait
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
 from surefoot.rollouts.outcome import fallen

@@ -9,7 +9,7 @@ from surefoot.study.claims import (
     PERCENT,
     UNMEASURED,
     Claim,
-    Quantity,
+    NumberStyle,
     Region,
     Sample,
     Statement,
@@ -24,11 +24,11 @@ from surefoot.study.claims import (
 from surefoot.study.run_statistics import Runs
 from tests.fakes.results import shares
 
-NEWTON_SECONDS = Quantity("N s")
+NEWTON_SECONDS = NumberStyle("N s")
 
 
-def statement(region, quantity=NEWTON_SECONDS):
-    return Statement("V-A", 1, "name", "A sentence.", quantity, region)
+def statement(region, style=NEWTON_SECONDS):
+    return Statement("V-A", 1, "name", "A sentence.", style, region)
 
 
 def sample(title, *values, planned=3):

@@ -14,7 +14,7 @@ from surefoot.config import (
     OtherGait,
     PushConfig,
 )
-from surefoot.mpc.gaits import GAITS
+from surefoot.config.gait_table import GAITS
 from surefoot.runs.run import RunError, create, open_run
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.comparable import WhichPolicy, open_comparable_runs, rows_of

@@ -21,10 +21,10 @@ from surefoot.study.robot_survey import (
     SurveyPlan,
     box_of,
     boxes_to_try,
-    mean_error,
     prepare_largest,
     survey_robots,
     tasks_of,
+    tracking_error,
     used,
 )
 from surefoot.workers import Workers
@@ -93,7 +93,7 @@ def test_a_sway_of_whole_periods_is_no_error():
     v = np.zeros((1, T, 18))
     v[0, :, 0] = 0.2 + np.sin(2 * np.pi * np.arange(T) / 300)  # three periods of 300 fit in 1 s
     v[0, :1000, 0] = 9.0
-    error = mean_error(blank(1, T, v=v), 300)
+    error = tracking_error(blank(1, T, v=v), 300)
     np.testing.assert_allclose(error, [[0.2, 0.0, 0.0]], atol=1e-9)
 
 
@@ -161,19 +161,19 @@ def test_both_simulators_begin_in_the_same_states(played, tmp_path):
 def test_an_interrupted_survey_goes_on_where_it_ended(played, monkeypatch, tmp_path):
     plan = replace(PLAN, gaits=("trot", "bound", "pronk"))
     whole = survey(plan, tmp_path / "whole")
-    measure = module.measure_cell
+    measure = module.measure_gait
 
     def interrupted(task, workers):
         if task.cell.gait == "bound":
             raise Interrupted
         return measure(task, workers)
 
-    monkeypatch.setattr(module, "measure_cell", interrupted)
+    monkeypatch.setattr(module, "measure_gait", interrupted)
     folder = tmp_path / "parts"
     with pytest.raises(Interrupted):
         survey(plan, folder)
     assert list(read_cells(folder)) == ["go2-trot-mujoco.json"]
-    monkeypatch.setattr(module, "measure_cell", measure)
+    monkeypatch.setattr(module, "measure_gait", measure)
     before = len(played)
     assert survey(plan, folder) == whole
     assert len(played) == before + 2

@@ -14,11 +14,11 @@ from surefoot.config import (
     RobotConfig,
     SafetyConfig,
 )
+from surefoot.config.gait_table import GAITS
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.profiles import ODRI
 from surefoot.config.study import EXPERT
 from surefoot.files import write_json
-from surefoot.mpc.gaits import GAITS
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.terrain_table import (

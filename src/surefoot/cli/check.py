@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from surefoot.cli.outputs import Output, check_outputs
-from surefoot.files import write_json
+from surefoot.files import file_hash, write_json
 
 if TYPE_CHECKING:
     from surefoot.deploy.description import PolicyDescription
@@ -98,13 +98,11 @@ def torch_network(path: Path, description: PolicyDescription) -> Network:
     Raises:
         ValueError: It is not the policy file that was exported.
     """
-    from hashlib import sha256
-
     from surefoot.interop.logs.replay import torch_network_of
     from surefoot.learning.policy import load
 
     policy = load(path, description.robot)
-    if sha256(path.read_bytes()).hexdigest() != description.policy_sha256:
+    if file_hash(path) != description.policy_sha256:
         raise ValueError(
             f"--policy: {path} is not the policy that was exported, whose SHA-256 is "
             f"{description.policy_sha256}; name that file, or export this one"

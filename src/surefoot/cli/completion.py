@@ -102,7 +102,7 @@ def words_of(command: type, summary: str) -> Words:
     if issubclass(command, OnTerrain):
         values["--terrain"] = ("flat", "bumps:0.03", "blocks:0.03", "slope:10", "stairs:0.03")
     if "--preset" in sizes:
-        values["--preset"] = PRESETS
+        values["--preset"] = tuple(PRESETS)
     positional = positional_choices(command)
     if issubclass(command, Train):
         positional = tuple(METHODS)

@@ -285,7 +285,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
 def parse_evaluate(args: Sequence[str]) -> Evaluate:
     """The command that an argument list asks for; options change the run's own disturbance.
 
-    An option is heard because it was given, not because it differs from a default: the defaults are
+    An option counts because it was given, not because it differs from its default: the defaults are
     those of the run, so that ``--disturbance.delay 0`` switches a run's own delay off.
 
     Args:

@@ -117,22 +117,15 @@ class Export(OnHardware):
             bounds = safety_bounds(for_each_gait(with_own_values, config))
             description = replace(description, bounds=bounds)
         whole = replace(description, kind="pipeline")
-        parts = [
-            (self.onnx, "the network", description, lambda: network_model(policy), {}),
-            (
-                self.pipeline,
-                "the whole pipeline",
-                whole,
-                lambda: pipeline_model(policy, whole),
-                exploy_keys(whole),
-            ),
-        ]
         # All models before the first file: some policies have no pipeline.
-        models = [
-            (file, title, part, model(), keys)
-            for file, title, part, model, keys in parts
-            if file is not None
-        ]
+        models = []
+        if self.onnx is not None:
+            model = network_model(policy)
+            models.append((self.onnx, "the network", description, model, {}))
+        if self.pipeline is not None:
+            model = pipeline_model(policy, whole)
+            keys = exploy_keys(whole)
+            models.append((self.pipeline, "the whole pipeline", whole, model, keys))
         exported = []
         for file, title, part, model, keys in models:
             written = write_onnx(model, part, file, keys)
@@ -165,7 +158,7 @@ def use_of(
     """
     from surefoot.interop.cards import PolicyUse
     from surefoot.runs.layout import ATTEMPTS_FILE
-    from surefoot.study.report.run_limits import limits_of
+    from surefoot.study.report.run_limits import limitations
 
     graph = "observation in, joint targets out"
     if written.kind == "pipeline":
@@ -173,7 +166,7 @@ def use_of(
     limits = ["Where its data was collected, and with which disturbances, is not known here."]
     measured = None
     if run is not None:
-        limits = limits_of(run.config, (run.folder / ATTEMPTS_FILE).exists())
+        limits = limitations(run.config, (run.folder / ATTEMPTS_FILE).exists())
         iteration = policy.provenance.get("iteration")
         measured = run.validated(iteration) if isinstance(iteration, int) else None
     checks = [f"surefoot check {shlex.quote(str(file))} --robot {policy.robot}"]

@@ -88,11 +88,11 @@ class Fit(OnGait, OnRobot):
         from surefoot.interop.cards import PolicyUse, card_path, write_policy_card
         from surefoot.learning.dataset import Dataset
         from surefoot.learning.network import PolicyNetwork
-        from surefoot.learning.policy import Policy, policy_spec, save
+        from surefoot.learning.policy import policy_spec, save
         from surefoot.learning.train import fit
         from surefoot.robots.load import load_robot
         from surefoot.robots.scaling import with_own_values
-        from surefoot.runs.policies import joint_limits, safety_bounds
+        from surefoot.runs.policies import fitted_policy
         from surefoot.runs.progress import epochs_bar
         from surefoot.runs.stages import training_data
 
@@ -118,15 +118,7 @@ class Fit(OnGait, OnRobot):
                 network, seen, config.training, spec, self.epochs, seed, progress, checkpoint
             )
         origin = {"dataset": data.folder.resolve().name, "dataset_hash": data.hash, "seed": seed}
-        policy = Policy(
-            result.network,
-            spec,
-            result.command_range,
-            robot.name,
-            origin,
-            joint_limits(robot),
-            safety_bounds(config),
-        )
+        policy = fitted_policy(config, result, origin)
         save(policy, self.out)
         error = result.validation_loss[-1]
         shown = f", with an L1 error of {error:.4f} rad on frames held out"

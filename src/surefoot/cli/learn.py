@@ -168,10 +168,10 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         """
         from surefoot.deploy.bridge import UdpChannel
         from surefoot.deploy.udp_robot import UdpRobot, parse_address
+        from surefoot.field.planner import PlannerProcess
         from surefoot.field.session import Crew, Unattended, check_bridge
         from surefoot.robots.load import load_robot
         from surefoot.robots.scaling import with_own_values
-        from surefoot.twin.planner import PlannerProcess
 
         peer = parse_address(self.robot)
         # Any local address is heard from the loopback interface only if the bridge is there too.

@@ -205,7 +205,7 @@ class RunPolicy:
         """
         from surefoot.config.checked import known
         from surefoot.deploy.handover import PlanFollower
-        from surefoot.twin.planner import PlannerProcess
+        from surefoot.field.planner import PlannerProcess
 
         planner = PlannerProcess(expert, self.realtime)
         closing.callback(planner.close)
@@ -301,7 +301,7 @@ def expert_config(policy: OnnxPolicy) -> Config:
         ValueError: The robot is none of the package.
     """
     from surefoot.config.robot_table import ROBOTS
-    from surefoot.runs.policies import config_for
+    from surefoot.runs.policies import config_of_policy
     from surefoot.scenarios.gains import with_measured_gain
 
     if policy.robot not in ROBOTS:
@@ -311,5 +311,5 @@ def expert_config(policy: OnnxPolicy) -> Config:
             "damp, or give surefoot.deploy.loop.Runtime a Safeguard whose planner has your robot's "
             "file"
         )
-    config = config_for(policy.robot, policy.spec.gaits, policy.command_range)
+    config = config_of_policy(policy.robot, policy.spec.gaits, policy.command_range)
     return with_measured_gain(config)

@@ -215,7 +215,7 @@ def box_around(command: Command) -> CommandBox:
 
 def is_among(command: Command, box: CommandBox) -> bool:
     """Whether a command lies in a box."""
-    ranges = zip(command, (box.vx, box.vy, box.yaw_rate), strict=True)
+    ranges = zip(command, box.axes, strict=True)
     return all(low <= value <= high for value, (low, high) in ranges)
 
 

@@ -30,6 +30,11 @@ class CommandBox(Checked):
     yaw_rate: Interval = (0.0, 0.0)
     """[rad/s] the smallest and the largest yaw rate to the left."""
 
+    @property
+    def axes(self) -> tuple[Interval, Interval, Interval]:
+        """The intervals of vx, vy and yaw rate."""
+        return self.vx, self.vy, self.yaw_rate
+
     def spread(self, n: int) -> Array:
         """Commands ``(n, 3)`` that are spread over the box: vx, vy [m/s], yaw rate [rad/s].
 
@@ -48,7 +53,7 @@ class CommandBox(Checked):
             raise ValueError(f"{n} commands asked for; use at least 1")
         import numpy as np
 
-        axes = (self.vx, self.vy, self.yaw_rate)
+        axes = self.axes
         unclosed = [number for number, (low, high) in enumerate(axes) if low < high]
         if len(unclosed) > 1:
             return np.array(self._all_over(n, unclosed))
@@ -62,7 +67,7 @@ class CommandBox(Checked):
         """The first n commands of a box of two or three open axes."""
         from scipy.stats import qmc
 
-        axes = (self.vx, self.vy, self.yaw_rate)
+        axes = self.axes
         zero = tuple(min(max(low, 0.0), high) for low, high in axes)
         commands = [zero]
         for axis in unclosed:

@@ -7,6 +7,7 @@ paper does, `default` is the same protocol made cheap, `quick` is a small run of
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from surefoot.config import (
@@ -31,7 +32,7 @@ from surefoot.errors import unknown
 
 @dataclass(frozen=True)
 class Rules:
-    """What follows turns without drifting outward, and does not settle at a share of the command.
+    """Rules that keep turns from drifting outward and let robots reach the commanded velocity.
 
     Attributes:
         capture_share: As `ExpertConfig.capture_share`.
@@ -42,7 +43,6 @@ class Rules:
     turn_compensation: float
 
 
-PRESETS = ("default", "quick", "pushed", "paper")
 STRAIGHT_TROT = "solo12-trot-v1"
 """The packaged set of initial states: Solo12 trots straight ahead, at 0 to 0.3 m/s."""
 TROT_GAIN = (1.15, 1.08, 1.28)
@@ -68,15 +68,9 @@ def preset(method: str, name: str = "default") -> Config:
     Raises:
         ValueError: There is no such method or preset.
     """
-    if name == "default":
-        return default(method)
-    if name == "quick":
-        return quick(method)
-    if name == "pushed":
-        return pushed(method)
-    if name == "paper":
-        return paper(method)
-    raise ValueError(unknown("preset", name, PRESETS))
+    if name not in PRESETS:
+        raise ValueError(unknown("preset", name, PRESETS))
+    return PRESETS[name](method)
 
 
 def paper(method: str) -> Config:
@@ -154,6 +148,15 @@ def pushed(method: str) -> Config:
     if isinstance(config.method, IterativeConfig):
         return replace(config, pretraining=taught)
     return replace(config, collection=taught)
+
+
+PRESETS: dict[str, Callable[[str], Config]] = {
+    "default": default,
+    "quick": quick,
+    "pushed": pushed,
+    "paper": paper,
+}
+"""The presets by name; each makes the configuration of a method."""
 
 
 def published_rules(config: Config) -> Config:

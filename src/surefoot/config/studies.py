@@ -10,6 +10,9 @@ studies with a small budget are in `config.small_studies` and `config.options_st
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 from surefoot.config.options_study import options_study
 from surefoot.config.small_studies import regimes_study, sensors_study
 from surefoot.config.study import (
@@ -22,9 +25,6 @@ from surefoot.config.study import (
 )
 from surefoot.errors import unknown
 
-STUDIES = ("paper", "regimes", "options", "sensors", "sensors-go2", "smoke")
-"""Names of the studies."""
-
 PAPER_SIZES = (112_000, 250_000, 400_000, 550_000, 736_000)
 """Sizes of behavior cloning's data in frames: the paper's largest is 736 000."""
 
@@ -35,19 +35,9 @@ def named_study(name: str) -> StudyConfig:
     Raises:
         ValueError: There is no such study.
     """
-    if name == "paper":
-        return paper_study()
-    if name == "regimes":
-        return regimes_study()
-    if name == "options":
-        return options_study()
-    if name == "sensors":
-        return sensors_study("solo12")
-    if name == "sensors-go2":
-        return sensors_study("go2")
-    if name == "smoke":
-        return smoke_study()
-    raise ValueError(unknown("study", name, STUDIES))
+    if name not in STUDIES:
+        raise ValueError(unknown("study", name, STUDIES))
+    return STUDIES[name]()
 
 
 def paper_study() -> StudyConfig:
@@ -162,3 +152,14 @@ def smoke_study() -> StudyConfig:
             PlannedComparison("test", "loco_safe_dagger", "behavior_cloning", "all", "equal"),
         ),
     )
+
+
+STUDIES: dict[str, Callable[[], StudyConfig]] = {
+    "paper": paper_study,
+    "regimes": regimes_study,
+    "options": options_study,
+    "sensors": partial(sensors_study, "solo12"),
+    "sensors-go2": partial(sensors_study, "go2"),
+    "smoke": smoke_study,
+}
+"""The studies by name."""

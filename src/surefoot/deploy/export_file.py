@@ -1,4 +1,4 @@
-"""Reads exported files, and refuses what must not run: all is checked before anything of it runs.
+"""Reads exported files, and refuses those that must not run; everything is checked first.
 
 Hash, version, robot, order of the joints, layout, and whether the graph fits them. Read `policy`
 next, which runs what was read, and `description` for what a file says.

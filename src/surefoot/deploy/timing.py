@@ -68,7 +68,7 @@ class Histogram:
 class TickClock:
     """Finds the ticks between measurements that nobody saw, by the times of the measurements.
 
-    A tick is numbered by its time since the first one, so that times that jitter do not add up.
+    Ticks are numbered by their time since the first one, so that jitter does not accumulate.
 
     Args:
         period_ns: The time from one tick to the next [ns].

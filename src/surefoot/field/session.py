@@ -235,7 +235,7 @@ class Session:
         return Report(attempt, episode, last)
 
     def close(self) -> None:
-        """Damp the robot, and give it free."""
+        """Damp the robot and release it."""
         for _ in range(LAST_WORDS):
             self._robot.damp()
         self._robot.close()

@@ -66,7 +66,7 @@ def dataset_card(
         "",
         f"- {exported.episodes} episodes: stretches without a gap of the collected ones, of which "
         f"{exported.left_out} frames were too short to be one.",
-        *_walking(policy_spec(config), (box.vx, box.vy, box.yaw_rate)),
+        *_walking(policy_spec(config), box.axes),
         f"- Simulator: {config.simulation.backend}, friction {config.simulation.friction:g}"
         f"{_uneven(config.simulation.terrain)}.",
         f"- SHA-256 of the frames before the export: `{dataset.hash}`.",

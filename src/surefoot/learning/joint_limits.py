@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from surefoot.types import JOINTS
+from surefoot.types import JOINTS, Array
 
 Pair = tuple[float, float]
 """The smallest and the largest value."""
@@ -67,6 +67,11 @@ class SafetyBounds:
                 raise ValueError(
                     f"bounds has {low} to {high}; the first must not exceed the second"
                 )
+
+
+def finite_or_none(values: Array) -> tuple[float | None, ...]:
+    """Numbers ``(n,)`` as a tuple, with None in place of those that are not finite."""
+    return tuple(value if math.isfinite(value) else None for value in values.tolist())
 
 
 def _check_twelve(name: str, values: tuple[Any, ...]) -> None:

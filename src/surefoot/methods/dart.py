@@ -24,13 +24,12 @@ import numpy as np
 
 from surefoot.config import DartConfig
 from surefoot.learning.frames import concatenate, sorted_by_episode
-from surefoot.learning.policy import load
 from surefoot.learning.samples import derive, held_out
-from surefoot.robots.load import find_spec
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, disturbance_of
 from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config, parameters
+from surefoot.runs.policies import load_policy
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.sampling import (
     disturbance_in,
@@ -122,7 +121,7 @@ def learner_error(run: Run, i: int) -> Array:
     Raises:
         RunError: No frame of D is held out.
     """
-    policy = load(run.policy_path(i), find_spec(run.config.robot).name)
+    policy = load_policy(run, i)
     share = run.config.training.validation
     parts = dataset_of(run, i).parts(all_ticks=policy.spec.remembers)
     held = [frames[held_out(frames.episode, share)] for frames in parts]

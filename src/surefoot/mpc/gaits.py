@@ -16,17 +16,6 @@ from surefoot.config.gait_table import GAITS, gait_name, gait_names
 from surefoot.config.single_gaits import each_gait, with_timing
 from surefoot.errors import unknown
 
-__all__ = [
-    "GAITS",
-    "gait_in_words",
-    "gait_name",
-    "names_of",
-    "numbers_of",
-    "only_gait",
-    "with_gait",
-    "with_gaits",
-]
-
 EACH_GAIT = "use one of `surefoot.config.single_gaits.each_gait(config)`"
 """The advice to those who write Python."""
 

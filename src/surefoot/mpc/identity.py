@@ -114,7 +114,7 @@ def identity_of(plan: PlanFunction, robot: RobotModel, gaits: int = 1) -> Expert
 
 
 def difference(before: ExpertIdentity, now: ExpertIdentity) -> str:
-    """Return in what an expert differs from an earlier one, in words; nothing if it is the same.
+    """Describe how an expert differs from an earlier one; empty if it does not.
 
     Args:
         before: The earlier expert.

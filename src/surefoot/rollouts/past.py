@@ -174,7 +174,7 @@ def with_past(frames: Frames, robot: IntArray, past: Past) -> Frames:
 
 
 def _combined(combine: Callable[..., NDArray], states: Sequence[State]) -> State:
-    """The states of which each array is made of that array of several states."""
+    """Combine several states, array by array."""
     return State(
         *(combine(*(getattr(each, field.name) for each in states)) for field in fields(State))
     )

@@ -258,7 +258,7 @@ def _store(run: Run, name: str, result: ChunkResult) -> None:
 
 
 def _stored_shards(run: Run, job: Job) -> set[str]:
-    """Names of the shards of which everything that the job leaves behind is there."""
+    """Names of the shards for which all of the job's files exist."""
     return {
         name
         for name in run.dataset.shards

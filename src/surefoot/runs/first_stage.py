@@ -15,11 +15,11 @@ from typing import Any, Literal
 from surefoot.config import Config, IterativeConfig
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
-from surefoot.learning.policy import Policy, load, save
+from surefoot.learning.policy import Policy, save
 from surefoot.robots.identity import description_hash
-from surefoot.robots.load import find_spec
 from surefoot.runs.budget import first_allowance
 from surefoot.runs.episode_ids import iteration_of_shard
+from surefoot.runs.policies import load_policy
 from surefoot.runs.run import Run, RunError
 from surefoot.scenarios.starts import PACKAGED, load_starts
 
@@ -133,7 +133,7 @@ def _copy_data(source: Run, target: Run) -> None:
 
 def _copy_policy(source: Run, target: Run) -> None:
     """Copy the policy of iteration 0; its file says that it belongs to the target."""
-    policy = load(source.policy_path(0), find_spec(source.config.robot).name)
+    policy = load_policy(source, 0)
     provenance = policy.provenance | {"run": target.name, "method": target.method}
     copied = Policy(
         policy.network,

@@ -27,12 +27,12 @@ from surefoot.learning.classifier import (
     save_classifier,
 )
 from surefoot.learning.observation import network_input, state_spec
-from surefoot.learning.policy import Policy, load
+from surefoot.learning.policy import Policy
 from surefoot.learning.samples import derive, held_out
-from surefoot.robots.load import find_spec
 from surefoot.rollouts.traces import Trace, history_rows
 from surefoot.runs.episode_ids import iteration_of_shard
 from surefoot.runs.metrics import GateTrained, LearnedGate
+from surefoot.runs.policies import load_policy
 from surefoot.runs.run import Run, RunError
 from surefoot.runs.stages import dataset_of
 from surefoot.safety.gates import AnyOf, Bounds, Gate, tightened
@@ -174,7 +174,7 @@ def deviation_samples(run: Run, i: int, unsafe_share: float) -> GateSamples:
     Raises:
         RunError: No frame is held out to choose tau by.
     """
-    policy = load(run.policy_path(i), find_spec(run.config.robot).name)
+    policy = load_policy(run, i)
     rows, inputs, targets, episode = _rows_of_frames(run, i, policy)
     held = held_out(episode, run.config.training.validation)
     if not held.any():

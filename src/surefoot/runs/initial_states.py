@@ -70,7 +70,7 @@ def _check_changes(config: Config) -> None:
 
 
 def resumed_config(config: Config, before: Config, starts_hash: str) -> Config:
-    """The configuration of a run that goes on: what is None is what the run has.
+    """The configuration of a resumed run; values that are None are taken from the run.
 
     Args:
         config: The configuration as it is asked for now.
@@ -140,7 +140,7 @@ def with_own_starts(folder: Path, config: Config) -> Config:
     )
 
 
-def check_starts(folder: Path, config: Config, starts_hash: str) -> None:
+def check_same_starts(folder: Path, config: Config, starts_hash: str) -> None:
     """Check that a run's initial states are those that it was begun with.
 
     Args:

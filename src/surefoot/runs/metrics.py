@@ -11,6 +11,7 @@ None; what is not a number (NaN) is null. Runs of earlier versions wrote ``guard
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
@@ -235,6 +236,11 @@ def parse_metrics(content: bytes, path: Path) -> list[StageRecord]:
             )
         records.append(record)
     return records
+
+
+def best_iteration(records: Iterable[StageRecord]) -> int | None:
+    """The iteration of the policy that a run chose; None if it has not finished."""
+    return next((r.best_iteration for r in records if isinstance(r, Best)), None)
 
 
 def stage_of(record: StageRecord) -> tuple[str, int]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,15 +23,17 @@ from surefoot.config import (
     RobotConfig,
     SafetyConfig,
 )
+from surefoot.config.json_io import Plain
 from surefoot.config.robot_table import ROBOTS
 from surefoot.config.single_gaits import with_timing
-from surefoot.learning.joint_limits import JointLimits, SafetyBounds
+from surefoot.learning.joint_limits import JointLimits, SafetyBounds, finite_or_none
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.observation import GaitTiming, ObservationSpec
 from surefoot.learning.policy import Policy, load, policy_spec
+from surefoot.learning.train import FitResult
 from surefoot.mpc.gaits import names_of
 from surefoot.robots.bounds import table_bounds
-from surefoot.robots.load import load_robot
+from surefoot.robots.load import find_spec, load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
@@ -91,7 +93,7 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
             "not have: name the folder of the run that trained it, which keeps it"
         )
     gaits = policy.spec.observation.gaits
-    config = config_for(policy.robot, gaits, policy.command_range)
+    config = config_of_policy(policy.robot, gaits, policy.command_range)
     config = replace(for_each_gait(with_own_values, config), policy=_policy_config(policy))
     if policy.bounds is not None:
         config = replace(config, safety=_with_bounds(config.safety, policy.bounds))
@@ -135,7 +137,7 @@ def prepared_for(policy: Path, config: Config) -> Config:
     return completed(config) if run_of_policy(policy) is None else config
 
 
-def config_for(robot: str, gaits: Sequence[GaitTiming], command_range: Array) -> Config:
+def config_of_policy(robot: str, gaits: Sequence[GaitTiming], command_range: Array) -> Config:
     """The configuration of a policy's robot and gaits, as far as its file tells.
 
     Args:
@@ -153,8 +155,8 @@ def config_for(robot: str, gaits: Sequence[GaitTiming], command_range: Array) ->
 
 def _lies_in(inner: CommandBox, outer: CommandBox) -> bool:
     """Whether all commands of a box are in another one."""
-    low, high = np.array([inner.vx, inner.vy, inner.yaw_rate]).T
-    lowest, highest = np.array([outer.vx, outer.vy, outer.yaw_rate]).T
+    low, high = np.array(inner.axes).T
+    lowest, highest = np.array(outer.axes).T
     return bool((low >= lowest - 1e-9).all() and (high <= highest + 1e-9).all())
 
 
@@ -171,7 +173,7 @@ def _with_bounds(safety: SafetyConfig, bounds: SafetyBounds) -> SafetyConfig:
 
 
 def _degrees(angle: float) -> float:
-    """An angle of a file [rad] as the one that was configured [deg]."""
+    """Convert an angle of a policy file [rad] back to the configured one [deg]."""
     return round(math.degrees(angle), 9)
 
 
@@ -230,18 +232,43 @@ def _periods(spec: ObservationSpec) -> str:
     return ", ".join(str(gait.period_ticks) for gait in spec.gaits)
 
 
-def joint_limits(robot: RobotModel) -> JointLimits:
-    """The limits of a robot's joints as a policy file holds them: None where there is no limit."""
-    return JointLimits(
-        _finite(robot.torque_limit),
-        _finite(robot.speed_limit),
-        tuple((_finite(pair)[0], _finite(pair)[1]) for pair in robot.position_limit),
+def load_policy(run: Run, iteration: int) -> Policy:
+    """Load the policy of an iteration of a run.
+
+    Raises:
+        PolicyFileError: Its file is damaged, or is of another robot.
+    """
+    return load(run.policy_path(iteration), find_spec(run.config.robot).name)
+
+
+def fitted_policy(config: Config, result: FitResult, provenance: Mapping[str, Plain]) -> Policy:
+    """The policy of a fit, with all that its file tells of robot and training.
+
+    Args:
+        config: The configuration; values of its robot's own are in place (`with_own_values`).
+        result: What the fit returned.
+        provenance: Where the policy comes from.
+    """
+    robot = load_robot(config.robot)
+    return Policy(
+        result.network,
+        policy_spec(config),
+        result.command_range,
+        robot.name,
+        provenance,
+        joint_limits(robot),
+        safety_bounds(config),
     )
 
 
-def _finite(values: Array) -> tuple[float | None, ...]:
-    """The numbers, with None in place of those that are not finite."""
-    return tuple(value if math.isfinite(value) else None for value in values.tolist())
+def joint_limits(robot: RobotModel) -> JointLimits:
+    """The limits of a robot's joints as a policy file holds them: None where there is no limit."""
+    lowest, highest = robot.position_limit.T
+    return JointLimits(
+        finite_or_none(robot.torque_limit),
+        finite_or_none(robot.speed_limit),
+        tuple(zip(finite_or_none(lowest), finite_or_none(highest), strict=True)),
+    )
 
 
 def safety_bounds(config: Config) -> SafetyBounds:

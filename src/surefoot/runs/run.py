@@ -24,7 +24,7 @@ from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
 from surefoot.runs.initial_states import (
     begun_config,
-    check_starts,
+    check_same_starts,
     keep_starts,
     resumed_config,
     with_own_starts,
@@ -290,7 +290,7 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
                 f"options it was started with, or choose another folder with --run{anew}"
             )
         if not other:
-            check_starts(folder, before.config, read_setup(folder).starts_hash)
+            check_same_starts(folder, before.config, read_setup(folder).starts_hash)
             warn_of_versions(before)
             return before
     keep_robot(folder, run.config)

@@ -19,10 +19,9 @@ from surefoot.evaluation.mirrors import training_mirror
 from surefoot.evaluation.robustness import evaluate, success_difference
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.network import PolicyNetwork
-from surefoot.learning.policy import Policy, load, policy_spec, save
+from surefoot.learning.policy import policy_spec, save
 from surefoot.learning.symmetry import Mirrored
 from surefoot.learning.train import FitResult, fit
-from surefoot.robots.load import find_spec, load_robot
 from surefoot.rollouts.jobs import Job, expert_name
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.accounting import collection_cost
@@ -31,7 +30,7 @@ from surefoot.runs.checks import check_expert, remember_expert
 from surefoot.runs.collecting import Limit, PlayChunks, run_and_store, simulate_chunks
 from surefoot.runs.episode_ids import end_of_iteration
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
-from surefoot.runs.policies import joint_limits, safety_bounds
+from surefoot.runs.policies import fitted_policy, load_policy
 from surefoot.runs.precision import kept_precision
 from surefoot.runs.progress import epochs_bar
 from surefoot.runs.run import Run, RunError
@@ -177,7 +176,7 @@ def train_policy(
     done = run.trained(iteration)
     checkpoint = run.checkpoint_path(iteration)
     if done is not None and run.policy_path(iteration).exists():
-        _load_policy(run, iteration)  # a damaged file is an error now, not when it is to drive
+        load_policy(run, iteration)  # a damaged file is an error now, not when it is to drive
         checkpoint.unlink(missing_ok=True)  # left by a run that was killed just before removing it
         return done
     began = time.perf_counter()
@@ -225,7 +224,7 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
         inputs = policy_spec(config).observation.input_size
         network = PolicyNetwork(config.policy, run.torch_seed("network", 0), inputs)
     else:
-        network = _load_policy(run, iteration - 1).network
+        network = load_policy(run, iteration - 1).network
     with epochs_bar(f"iteration {iteration}: train") as progress:
         return fit(
             network,
@@ -237,15 +236,6 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
             progress,
             run.checkpoint_path(iteration),
         )
-
-
-def _load_policy(run: Run, iteration: int) -> Policy:
-    """The policy of an iteration.
-
-    Raises:
-        PolicyFileError: Its file is damaged, or is of another robot.
-    """
-    return load(run.policy_path(iteration), find_spec(run.config.robot).name)
 
 
 def training_data(config: Config, data: Dataset) -> Dataset | Mirrored:
@@ -264,25 +254,14 @@ def training_data(config: Config, data: Dataset) -> Dataset | Mirrored:
 
 def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> None:
     """Write the policy of an iteration, with where it comes from."""
-    config = run.config
     provenance = {
         "run": run.name,
         "method": run.method,
         "iteration": iteration,
-        "seed": config.seed,
+        "seed": run.config.seed,
         "dataset_hash": data.hash,
     }
-    robot = load_robot(config.robot)
-    policy = Policy(
-        result.network,
-        policy_spec(config),
-        result.command_range,
-        robot.name,
-        provenance,
-        joint_limits(robot),
-        safety_bounds(config),
-    )
-    save(policy, run.policy_path(iteration))
+    save(fitted_policy(run.config, result, provenance), run.policy_path(iteration))
 
 
 def validate_policy(run: Run, iteration: int, workers: Workers) -> Validated:

@@ -54,13 +54,13 @@ def describe(box: CommandBox) -> str:
     """A box for messages, as options of a command."""
     return " ".join(
         f"--{name} {low:g} {high:g}"
-        for name, (low, high) in (("vx", box.vx), ("vy", box.vy), ("yaw-rate", box.yaw_rate))
+        for name, (low, high) in zip(("vx", "vy", "yaw-rate"), box.axes, strict=True)
     )
 
 
 def _walked_ends(robot: RobotModel, config: Config) -> CommandBox:
     """The box of those parts of the ends of the axes that are walked, each one alone."""
-    axes = np.array([config.commands.vx, config.commands.vy, config.commands.yaw_rate])
+    axes = np.array(config.commands.axes)
     command = np.zeros((3, 2, len(STEPS), 3))
     for axis in range(3):
         command[axis, :, :, axis] = np.outer(axes[axis], STEPS)
@@ -84,7 +84,7 @@ def _up(robot: RobotModel, config: Config, command: Array) -> BoolArray:
 
 def _times(box: CommandBox, factor: float) -> CommandBox:
     """A smaller box about the commands of a box that are the nearest to zero, in few decimals."""
-    axes = np.array([box.vx, box.vy, box.yaw_rate])
+    axes = np.array(box.axes)
     center = np.clip(0.0, axes[:, :1], axes[:, 1:])
     reach = factor * (axes - center)
     # Of 0.6, which is 0.59999 as a number, no hundredth is cut off.

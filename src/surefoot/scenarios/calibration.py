@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from surefoot.config import CommandBox, Config, Gait
-from surefoot.mpc.gaits import gait_name
+from surefoot.config.gait_table import gait_name
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 from surefoot.scenarios.preparation import CommandGain, rounded
@@ -120,13 +120,13 @@ def told_commands(box: CommandBox, scale: float) -> Array:
         scale: The robot's leg length over Solo12's.
     """
     tried = np.array(TRIED) * (np.sqrt(scale), np.sqrt(scale), 1.0)
-    ends = np.abs([box.vx, box.vy, box.yaw_rate]).max(axis=1)
+    ends = np.abs(box.axes).max(axis=1)
     return np.where(ends > 0.0, np.clip(ends, LEAST_TRIED * tried, tried), tried)
 
 
 def needed_axes(box: CommandBox) -> BoolArray:
     """``(3,)`` True for the axes along which there are commands."""
-    return np.array([axis != (0.0, 0.0) for axis in (box.vx, box.vy, box.yaw_rate)])
+    return np.array([axis != (0.0, 0.0) for axis in box.axes])
 
 
 def _walks(robot: RobotModel, config: Config, told: Array, gain: Array) -> Walks:

@@ -20,8 +20,9 @@ import numpy as np
 from surefoot.caches import user_folder
 from surefoot.config import Config, Gait, PerturbationConfig, SafetyConfig, Split
 from surefoot.config.checked import known
+from surefoot.config.gait_table import gait_name
 from surefoot.config.presets import with_ground, with_rules
-from surefoot.mpc.gaits import gait_name, only_gait
+from surefoot.mpc.gaits import only_gait
 from surefoot.mpc.schedule import stands
 from surefoot.robots.identity import description_hash
 from surefoot.robots.joint_bounds import with_ranges
@@ -68,16 +69,6 @@ class Prepared:
     made: Preparation
     path: Path
     kept: bool
-
-    @property
-    def command_gain(self) -> Triple:
-        """The gains of vx, vy and yaw rate, as `ExpertConfig.command_gain`."""
-        return self.made.command_gain
-
-    @property
-    def safety(self) -> SafetyConfig:
-        """The bounds: the robot's own table, joined with what the settled gait needs."""
-        return self.made.safety
 
 
 def prepare(
@@ -170,7 +161,7 @@ def _warn_of_walks(robot: RobotModel, config: Config, made: Preparation, settled
 def prepared_key(
     config: Config, perturbation: PerturbationConfig, seed: int, sizes: Mapping[Split, SplitSize]
 ) -> str:
-    """SHA-256 of all that what is prepared depends on; the arguments are those of `prepare`.
+    """SHA-256 of everything that a preparation depends on; the arguments are those of `prepare`.
 
     Args:
         config: The configuration, with the robot's own values in place of None.
@@ -271,8 +262,7 @@ def _cycle(settled: Walks, up: BoolArray, config: Config, commands: Array) -> Ga
         config: The gait and the box.
         commands: ``(m, 3)`` the commands.
     """
-    box = config.commands
-    width = np.ptp([box.vx, box.vy, box.yaw_rate], axis=1)
+    width = np.ptp(config.commands.axes, axis=1)
     away = (commands[:, None] - settled.command) / np.where(width > 0.0, width, 1.0)
     distance = np.where(up, np.linalg.norm(away, axis=2), np.inf)
     nearest: IntArray = distance.argmin(axis=1)

@@ -57,7 +57,7 @@ def settled_bounds(robot: RobotModel, safety: SafetyConfig, walks: Walks) -> Saf
 
 
 def _widened(bounds: tuple[float, float], values: Array, margin: float) -> tuple[float, float]:
-    """Bounds that are as far as they were, or a margin beyond the values, where that is farther."""
+    """The bounds, widened where necessary to lie a margin beyond the values."""
     low, high = bounds
     lowest = float(values.min()) - margin
     highest = float(values.max()) + margin

@@ -22,12 +22,13 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config, Gait, Split
 from surefoot.config.array_io import parse_npz
+from surefoot.config.gait_table import gait_name
 from surefoot.config.json_text import read_file
 from surefoot.config.presets import STRAIGHT_TROT, straight_trot
 from surefoot.config.robot_table import SOLO12
 from surefoot.errors import unknown
 from surefoot.files import write_atomic
-from surefoot.mpc.gaits import gait_in_words, gait_name, only_gait
+from surefoot.mpc.gaits import gait_in_words, only_gait
 from surefoot.scenarios.preparation import Preparation, read_preparation, text_of
 from surefoot.scenarios.spread import along_one_axis, spread_cells
 from surefoot.scenarios.starts_check import check_stored_arrays

@@ -1,8 +1,9 @@
 """The code that a study's jobs run: one commit, in a checkout of its own.
 
 A study takes hours or days, and its jobs must all run the same code. Started from a git checkout,
-it makes a worktree of the commit in its own folder, and its jobs import the package from there: so
-that the checkout itself may change meanwhile. Started from an installed package, its jobs run that.
+it makes a worktree of the commit in its own folder, and its jobs import the package from there, so
+the checkout itself may change in the meantime. Started from an installed package, its jobs run
+that.
 """
 
 from __future__ import annotations

@@ -80,8 +80,8 @@ BELOW_ZERO = Region(high=0.0)
 
 
 @dataclass(frozen=True)
-class Quantity:
-    """How numbers are written.
+class NumberStyle:
+    """How the numbers of claims and comparisons are written in text.
 
     Attributes:
         unit: The unit, as text.
@@ -94,9 +94,9 @@ class Quantity:
     digits: int = 2
 
 
-PERCENT = Quantity("%", 100.0, 1)
+PERCENT = NumberStyle("%", 100.0, 1)
 """A share."""
-POINTS = Quantity("points", 100.0, 1)
+POINTS = NumberStyle("points", 100.0, 1)
 """A difference of shares, in percentage points."""
 
 
@@ -109,7 +109,7 @@ class Statement:
         figure: Number of the paper's figure that shows it.
         name: Short name of the claim.
         text: The sentence.
-        quantity: How its number is written.
+        style: How its number is written.
         region: Where the number lies if the claim holds.
     """
 
@@ -117,7 +117,7 @@ class Statement:
     figure: int
     name: str
     text: str
-    quantity: Quantity
+    style: NumberStyle
     region: Region
 
 
@@ -264,18 +264,18 @@ def _judged(
     """The claim with the verdict on an estimate."""
     verdict = verdict_of(estimate.interval, statement.region)
     reasons = [
-        reason_of(verdict, estimate, statement.region, statement.quantity),
+        reason_of(verdict, estimate, statement.region, statement.style),
         *(missing_runs(sample) for sample in samples),
         beside,
     ]
     interval = None
     if estimate.interval is not None:
         low, high = estimate.interval
-        interval = (low * statement.quantity.scale, high * statement.quantity.scale)
+        interval = (low * statement.style.scale, high * statement.style.scale)
     return _claim(
         statement,
         verdict,
-        number_text(estimate, statement.quantity),
+        number_text(estimate, statement.style),
         interval,
         " ".join(reason for reason in reasons if reason),
     )
@@ -297,35 +297,35 @@ def _claim(
     )
 
 
-def number_text(estimate: RunMeans | RunDifference, quantity: Quantity) -> str:
+def number_text(estimate: RunMeans | RunDifference, style: NumberStyle) -> str:
     """An estimate with its unit, its interval and every run, as text."""
     if isinstance(estimate, RunMeans):
-        value = _plain(estimate.mean, quantity)
-        runs = _listed(estimate, quantity)
+        value = _plain(estimate.mean, style)
+        runs = _listed(estimate, style)
     else:
-        value = _plain(estimate.difference, quantity, "+")
-        runs = f"{_listed(estimate.a, quantity)} against {_listed(estimate.b, quantity)}"
-    text = f"{value} {quantity.unit}"
+        value = _plain(estimate.difference, style, "+")
+        runs = f"{_listed(estimate.a, style)} against {_listed(estimate.b, style)}"
+    text = f"{value} {style.unit}"
     if estimate.interval is not None:
         sign = "" if isinstance(estimate, RunMeans) else "+"
-        low, high = (_plain(end, quantity, sign) for end in estimate.interval)
+        low, high = (_plain(end, style, sign) for end in estimate.interval)
         text += f" ({low} to {high})"
     return f"{text}; runs {runs}"
 
 
-def _listed(means: RunMeans, quantity: Quantity) -> str:
+def _listed(means: RunMeans, style: NumberStyle) -> str:
     """The values of runs, as text."""
-    return ", ".join(_plain(value, quantity) for value in means.runs)
+    return ", ".join(_plain(value, style) for value in means.runs)
 
 
-def _plain(value: float, quantity: Quantity, sign: str = "") -> str:
-    """A value in the unit of a quantity, without the unit; nothing is written as -0."""
-    rounded = round(value * quantity.scale, quantity.digits) + 0.0
-    return f"{rounded:{sign}.{quantity.digits}f}"
+def _plain(value: float, style: NumberStyle, sign: str = "") -> str:
+    """A value in a style, without its unit; nothing is written as -0."""
+    rounded = round(value * style.scale, style.digits) + 0.0
+    return f"{rounded:{sign}.{style.digits}f}"
 
 
 def reason_of(
-    verdict: Verdict, estimate: RunMeans | RunDifference, region: Region, quantity: Quantity
+    verdict: Verdict, estimate: RunMeans | RunDifference, region: Region, style: NumberStyle
 ) -> str:
     """Why a verdict is what it is, in sentences."""
     arms = [estimate] if isinstance(estimate, RunMeans) else [estimate.a, estimate.b]
@@ -334,7 +334,7 @@ def reason_of(
         return "There is a single run, and nothing shows how much runs differ."
     if estimate.interval is None:
         return "All runs agree exactly, and nothing shows how much they differ by chance."
-    where = _region_text(region, quantity)
+    where = _region_text(region, style)
     count = " against ".join(str(len(arm.runs)) for arm in arms)
     texts: dict[Verdict, str] = {
         "holds": f"The whole interval is {where}.",
@@ -352,18 +352,18 @@ def reason_of(
     runs = len(estimate.runs)
     low, high = wilson(estimate.mean * runs, runs)
     return (
-        f"{agree}; if the rollouts of a run were all alike, it would be {_plain(low, quantity)} to "
-        f"{_plain(high, quantity)} {quantity.unit}."
+        f"{agree}; if the rollouts of a run were all alike, it would be {_plain(low, style)} to "
+        f"{_plain(high, style)} {style.unit}."
     )
 
 
-def _region_text(region: Region, quantity: Quantity) -> str:
+def _region_text(region: Region, style: NumberStyle) -> str:
     """A region as text, such as `below 5.0 %`."""
-    low = _plain(region.low, quantity) if math.isfinite(region.low) else ""
-    high = _plain(region.high, quantity) if math.isfinite(region.high) else ""
+    low = _plain(region.low, style) if math.isfinite(region.low) else ""
+    high = _plain(region.high, style) if math.isfinite(region.high) else ""
     if low and high:
-        return f"between {low} and {high} {quantity.unit}"
-    return f"above {low} {quantity.unit}" if low else f"below {high} {quantity.unit}"
+        return f"between {low} and {high} {style.unit}"
+    return f"above {low} {style.unit}" if low else f"below {high} {style.unit}"
 
 
 def missing_runs(sample: Sample) -> str:

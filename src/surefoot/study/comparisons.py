@@ -19,7 +19,7 @@ from surefoot.study.claims import (
     BELOW_ZERO,
     POINTS,
     UNMEASURED,
-    Quantity,
+    NumberStyle,
     Region,
     Sample,
     Verdict,
@@ -40,10 +40,10 @@ from surefoot.study.run_values import best_value
 
 SIGNIFICANT = 0.05
 """Largest adjusted p-value of a difference that counts."""
-QUANTITIES: dict[Measure, Quantity] = {
+STYLES: dict[Measure, NumberStyle] = {
     "robustness": POINTS,
-    "impulse": Quantity("N s", 1.0, 2),
-    "imitation": Quantity("mrad", 1.0, 1),
+    "impulse": NumberStyle("N s", 1.0, 2),
+    "imitation": NumberStyle("mrad", 1.0, 1),
 }
 """How the differences of each measure are written."""
 MARGINS: dict[Measure, float] = {"robustness": 0.05, "impulse": 0.25}
@@ -184,9 +184,9 @@ def _outcome(
     is_significant = adjusted_p is not None and adjusted_p <= SIGNIFICANT
     # Equality is shown by the interval alone; every difference needs the test, too.
     verdict = by_interval if is_shown_equal or is_significant else "cannot tell"
-    quantity = QUANTITIES[measurement.measure]
+    style = STYLES[measurement.measure]
     reasons = [
-        reason_of(by_interval, pair.measured, region, quantity),
+        reason_of(by_interval, pair.measured, region, style),
         _about_test(outcome, len(study.comparisons)),
         "" if verdict == by_interval else "The test does not bear the interval out.",
         missing_runs(pair.technique),
@@ -195,7 +195,7 @@ def _outcome(
     return replace(
         outcome,
         verdict=verdict,
-        number=number_text(pair.measured, quantity),
+        number=number_text(pair.measured, style),
         reason=" ".join(reason for reason in reasons if reason),
     )
 
@@ -247,7 +247,7 @@ def predicted_region(
     if comparison.prediction == "none":
         return ABOVE_ZERO if measured.difference > 0.0 else BELOW_ZERO
     if comparison.margin is not None:
-        margin = comparison.margin / QUANTITIES[measure].scale
+        margin = comparison.margin / STYLES[measure].scale
     else:
         margin = MARGINS.get(measure, RELATIVE_MARGIN * abs(measured.b.mean))
     return Region(-margin, margin)

@@ -84,7 +84,7 @@ def survey_expert(
     cells = {cell.variant: cell for cell in survey.cells}
     for variant in product(simulators, HORIZONS, get_args(Rules)):
         begun = cells.get(variant, SurveyCell(*variant))
-        for cell in measure_cell(begun, config, episodes, workers):
+        for cell in measure_variant(begun, config, episodes, workers):
             cells[variant] = cell
             measured = tuple(cells.values())
             survey = replace(survey, cells=measured, lost_by_all=lost_by_all(measured))
@@ -93,7 +93,7 @@ def survey_expert(
     return survey
 
 
-def measure_cell(
+def measure_variant(
     cell: SurveyCell, config: Config, episodes: int, workers: Workers
 ) -> Iterator[SurveyCell]:
     """Measure what is missing of a variant.

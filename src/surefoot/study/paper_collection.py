@@ -14,7 +14,7 @@ from surefoot.study.claims import (
     PERCENT,
     POINTS,
     Claim,
-    Quantity,
+    NumberStyle,
     Region,
     Statement,
     judge_change,
@@ -59,10 +59,10 @@ CONSTANT = Region(-0.05, 0.05)
 NO_RISE = Region(high=0.02)
 """Rises of the expert's share from one iteration to the next that are only the chance of its coins:
 with 1000 coins an iteration it has a standard deviation of up to 1.6 points."""
-FALLS = Quantity("falls per robot-minute", 1.0, 3)
-SOLVES = Quantity("MPC solves", 1.0, 0)
-SOLVES_PER_SECOND = Quantity("MPC solves per second of rollouts", 1.0, 2)
-FRAMES = Quantity("thousand frames", 1e-3, 0)
+FALLS = NumberStyle("falls per robot-minute", 1.0, 3)
+SOLVES = NumberStyle("MPC solves", 1.0, 0)
+SOLVES_PER_SECOND = NumberStyle("MPC solves per second of rollouts", 1.0, 2)
+FRAMES = NumberStyle("thousand frames", 1e-3, 0)
 DECAYS = (("0.5", LOCO_HALF), ("0.8", LOCO_MOST))
 """LocoDAGGER's decays, and their techniques."""
 LOCO = (LOCO_HALF, LOCO_MOST)

@@ -17,7 +17,7 @@ from surefoot.study.claims import (
     PERCENT,
     POINTS,
     Claim,
-    Quantity,
+    NumberStyle,
     Region,
     Sample,
     Statement,
@@ -47,9 +47,9 @@ MOST_DIRECTIONS = Region(low=0.5)
 VX: Axis = 0
 VY: Axis = 1
 YAW: Axis = 2
-SPEED = Quantity("thousandths of m²/s²", 1000.0, 3)
-YAW_RATE = Quantity("thousandths of rad²/s²", 1000.0, 3)
-IMPULSE = Quantity("N s", 1.0, 2)
+SPEED = NumberStyle("thousandths of m²/s²", 1000.0, 3)
+YAW_RATE = NumberStyle("thousandths of rad²/s²", 1000.0, 3)
+IMPULSE = NumberStyle("N s", 1.0, 2)
 ALL = (BC, LOCO_HALF, LOCO_MOST, SAFE)
 """All techniques that learn."""
 
@@ -170,10 +170,10 @@ def tracking_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     )
 
 
-def _settled_text(samples: Sequence[Sample], quantity: Quantity) -> str:
+def _settled_text(samples: Sequence[Sample], style: NumberStyle) -> str:
     """Errors from 1 s on, in all episodes that last so long: none is left out for failing."""
     parts = [
-        f"{sample.title} {quantity.scale * mean_of_runs(sample.runs).mean:.{quantity.digits}f}"
+        f"{sample.title} {style.scale * mean_of_runs(sample.runs).mean:.{style.digits}f}"
         for sample in samples
         if sample.runs is not None
     ]

@@ -19,7 +19,7 @@ from surefoot.robots.scaling import with_own_values
 from surefoot.runs.first_stage import without_files
 from surefoot.runs.initial_states import resumed_config
 from surefoot.runs.layout import KEPT_POLICY_FILE
-from surefoot.runs.metrics import Best, StageRecord
+from surefoot.runs.metrics import StageRecord, best_iteration
 from surefoot.runs.run import CONFIG_FILE, Run, open_run
 from surefoot.runs.setup import read_setup
 from surefoot.scenarios.starts import PACKAGED
@@ -62,10 +62,7 @@ class CellResult:
     @property
     def best_iteration(self) -> int | None:
         """The iteration of the policy that the run chose; None if the run is not finished."""
-        for record in self.metrics:
-            if isinstance(record, Best):
-                return record.best_iteration
-        return None
+        return best_iteration(self.metrics)
 
     def best_test(self, measurement: str) -> PolicyTest | None:
         """What a measurement says of the best policy, or of the expert; None if nothing yet."""

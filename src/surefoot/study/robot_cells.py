@@ -197,10 +197,9 @@ def _cells_of(walked: Walked) -> list[str]:
     box = walked.box
     robustness = walked.robustness
     times = walked.plan_ms
-    ranges = ((low, high) for low, high in (box.vx, box.vy, box.yaw_rate))
     share = percent_range(robustness.success_interval)
     return [
-        ", ".join(f"{low:g} to {high:g}" for low, high in ranges),
+        ", ".join(f"{low:g} to {high:g}" for low, high in box.axes),
         f"{times.median:.1f} ({times.p99:.1f})",
         f"{robustness.successes} of {robustness.episodes} {share}",
         f"{robustness.falls}, {robustness.stalls}, {robustness.diverged}",

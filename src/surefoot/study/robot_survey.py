@@ -137,7 +137,7 @@ def survey_robots(plan: SurveyPlan, folder: Path, workers: Workers) -> RobotSurv
     check_same(tasks, cells, folder)
     left = [task for task in tasks if task.cell.file not in cells]
     for number, task in enumerate(left, start=1):
-        cell = measure_cell(task, workers)
+        cell = measure_gait(task, workers)
         write_json(folder / cell.file, cell)
         cells[cell.file] = cell
         logger.info(f"{number} of {len(left)}: {_in_words(cell)}")
@@ -234,7 +234,7 @@ def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) 
             )
 
 
-def measure_cell(task: Task, workers: Workers) -> GaitCell:
+def measure_gait(task: Task, workers: Workers) -> GaitCell:
     """Measure a cell.
 
     Args:
@@ -322,13 +322,13 @@ def measure_episodes(job: Job) -> Measured:
     share = partial(used, settled=settled)
     return Measured(
         summary=summarize_job(job, rollouts, expert, concatenate([]).kept_frames),
-        error=mean_error(rollouts, to_ticks(job.config.gait.period)),
+        error=tracking_error(rollouts, to_ticks(job.config.gait.period)),
         torque=share(np.abs(rollouts.torque[:, :T]) / robot.torque_limit),
         speed=share(np.abs(rollouts.v[:, :T, 6:]) / robot.speed_limit),
     )
 
 
-def mean_error(rollouts: Rollout, period: int) -> Array:
+def tracking_error(rollouts: Rollout, period: int) -> Array:
     """``(n, 3)`` error of the mean velocity from 1 s on, over whole periods, without its sign.
 
     Args:

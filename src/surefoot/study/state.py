@@ -71,7 +71,7 @@ def claim_study(folder: Path) -> None:
 
 
 def say_workers(folder: Path, workers: int) -> None:
-    """Say how many jobs the process runs at a time that has claimed a study.
+    """Record how many jobs the process that has claimed a study runs at a time.
 
     Raises:
         WriteError: The folder cannot be written to.

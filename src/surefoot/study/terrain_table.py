@@ -10,7 +10,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ import numpy as np
 from surefoot.config import Config
 from surefoot.config.single_gaits import each_gait
 from surefoot.evaluation.robustness import Robustness, evaluate
+from surefoot.files import file_hash
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.rollouts.outcome import Outcome
@@ -45,7 +45,7 @@ class Walker:
     @property
     def sha256(self) -> str:
         """SHA-256 of the policy's file; empty for the expert."""
-        return "" if self.policy is None else sha256(self.policy.read_bytes()).hexdigest()
+        return "" if self.policy is None else file_hash(self.policy)
 
 
 @dataclass(frozen=True)
@@ -178,8 +178,10 @@ def lag(summary: Summary) -> tuple[float, float] | None:
     """Mean and largest lag of robots behind their commands, along them [m/s].
 
     Args:
-        summary: The episodes. Those that did not succeed, or were not to go anywhere, have no part
-            in it; None if no others are left.
+        summary: The episodes. Those that failed, or were commanded to stand, do not count.
+
+    Returns:
+        Both, or None if no episode counts.
     """
     commanded = summary.command[:, :2]
     speed = np.hypot(*commanded.T)

@@ -16,7 +16,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
-from hashlib import sha256
 from pathlib import Path
 
 from surefoot.config import Config, IterativeConfig
@@ -24,7 +23,7 @@ from surefoot.config.study import EXPERT, Measurement, StudyConfig, measured_con
 from surefoot.evaluation.imitation import imitation_error
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.robustness import evaluate
-from surefoot.files import write_atomic
+from surefoot.files import file_hash, write_atomic
 from surefoot.methods import METHODS
 from surefoot.runs.first_stage import copy_first_stage
 from surefoot.runs.layout import KEPT_POLICY_FILE
@@ -108,13 +107,12 @@ class Slice:
             raise SliceOver
 
 
-def do_job(folder: Path, name: str, seconds: float = SLICE) -> bool:
+def do_job(folder: Path, name: str) -> bool:
     """Do a job of a study, or a slice of it.
 
     Args:
         folder: Folder of the study.
         name: Name of the job.
-        seconds: How long it works before it stops at the next opportunity, in processor time [s].
 
     Returns:
         Whether it is finished.
@@ -126,7 +124,7 @@ def do_job(folder: Path, name: str, seconds: float = SLICE) -> bool:
     setup = read_study(folder)
     job = find_job(setup.jobs, name)
     claim_job(folder, name)
-    piece = Slice(seconds)
+    piece = Slice(SLICE)
     finished = True
     try:
         if job.kind == "share":
@@ -250,7 +248,7 @@ class MeasuredPolicy:
     @property
     def sha256(self) -> str | None:
         """SHA-256 of its file; None for the expert."""
-        return None if self.path is None else sha256(self.path.read_bytes()).hexdigest()
+        return None if self.path is None else file_hash(self.path)
 
 
 def _policies_of(

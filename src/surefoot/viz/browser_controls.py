@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
+from surefoot.config.gait_table import GAITS
 from surefoot.config.robot_table import ROBOTS
-from surefoot.mpc.gaits import GAITS
 from surefoot.types import Command
 from surefoot.viz.live import DRIVERS, DriverName
 

@@ -55,8 +55,8 @@ def status_html(
 ) -> str:
     """Who drives what, how fast it is told to go and goes, and whether time passes as asked for.
 
-    It has as many lines whatever it says, but for a note: buttons below that moved while somebody
-    clicks would not be hit.
+    It always has the same number of lines, apart from the note, so that the buttons below it do not
+    move under a click.
 
     Args:
         snapshot: The moment.

@@ -51,7 +51,7 @@ POLICY_COLOR = "#D55E00"
 UNKNOWN_COLOR = "#666666"
 """Gray of the timeline where nobody drove, or nobody knows who."""
 WAITING = ("damped", "standing up")
-"""What a robot does that nobody drives."""
+"""What the robot is doing while neither the policy nor the expert drives."""
 INK = "#282D37"
 """Color of texts and marks."""
 

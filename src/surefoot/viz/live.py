@@ -50,7 +50,7 @@ LIMP_TICKS = 1000
 PLAN_SHOWN = 100
 """[ms] How long a plan is followed at most, and shown."""
 TROT = Gait()
-"""The gait of whoever does not say in which one it walks."""
+"""The gait assumed of a controller that does not name its own."""
 EVERYONE = np.ones(1, dtype=bool)
 """The mask of the only robot."""
 

@@ -36,7 +36,7 @@ Clock = Callable[[], float]
 class Pace:
     """How many ticks are due, and how much time passes in the simulation per time on the clock.
 
-    Time that could not be simulated is lost: after a slow second nothing is made up for.
+    Time that could not be simulated is lost: the simulation does not catch up after a slow second.
 
     Args:
         clock: The clock.

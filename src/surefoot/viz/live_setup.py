@@ -108,7 +108,7 @@ class LiveSetup:
             low, high = self.policy.command_range.tolist()
             return Command(*low), Command(*high)
         box = self.config.commands
-        axes = (box.vx, box.vy, box.yaw_rate)
+        axes = box.axes
         return Command(*(axis[0] for axis in axes)), Command(*(axis[1] for axis in axes))
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from surefoot.files import check_output, write_atomic
-from surefoot.runs.metrics import Best, Collected, StageRecord, Trained, Validated
+from surefoot.runs.metrics import Collected, StageRecord, Trained, Validated, best_iteration
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -74,7 +74,7 @@ def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
     collected = [record for record in metrics if isinstance(record, Collected)]
     trained = [record for record in metrics if isinstance(record, Trained)]
     validated = [record for record in metrics if isinstance(record, Validated)]
-    best = next((r.best_iteration for r in metrics if isinstance(r, Best)), None)
+    best = best_iteration(metrics)
     if not collected:
         raise ValueError("no iteration has collected data yet; there is nothing to draw")
     # A series of behavior cloning trains on parts of what was collected at once.

@@ -8,11 +8,11 @@ from surefoot.config import DisturbanceConfig
 from surefoot.config.presets import preset
 from surefoot.config.scenarios import acting
 from surefoot.methods import METHODS
-from surefoot.study.report.run_limits import disturbances, limits_of
+from surefoot.study.report.run_limits import disturbance_texts, limitations
 
 
 def text_of(config, is_field_run=False):
-    return " ".join(limits_of(config, is_field_run))
+    return " ".join(limitations(config, is_field_run))
 
 
 def test_the_ground_and_what_the_network_sees_are_those_of_the_run():
@@ -42,8 +42,8 @@ def test_pushes_of_pretraining_and_of_iterations_are_told_apart():
 
 def test_options_of_pushes_that_never_come_disturb_nobody():
     idle = DisturbanceConfig(0, (0.3, 1.5), gentle=0.7, fall_angle=60.0)
-    assert disturbances(acting(idle, rises=True, teaches=True)) == []
-    assert disturbances(replace(acting(idle), delay=3)) == ["delay 3"]
+    assert disturbance_texts(acting(idle, rises=True, teaches=True)) == []
+    assert disturbance_texts(replace(acting(idle), delay=3)) == ["delay 3"]
     taught = replace(idle, expert_impulse=(0.5, 3.0))
     # Only LocoDAGGER and LocoSafeDAGGER let the expert drive in order to teach.
     for method in METHODS:

@@ -211,8 +211,7 @@ class Walkers:
         if self._stored is not None:
             row = int(rng.integers(len(self._stored)))
             return self._stored[row : row + 1]
-        box = self._config.commands
-        low, high = np.array([box.vx, box.vy, box.yaw_rate]).T
+        low, high = np.array(self._config.commands.axes).T
         start = at_rest(standing(self.robot), rng.uniform(low, high)[None])
         return replace(start, tick=rng.integers(self._period, size=1))
 

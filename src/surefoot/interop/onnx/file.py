@@ -30,7 +30,8 @@ from surefoot.deploy.description import (
     layout_terms,
 )
 from surefoot.deploy.kinematics import KinematicTable
-from surefoot.files import write_atomic
+from surefoot.files import file_hash, write_atomic
+from surefoot.learning.joint_limits import finite_or_none
 from surefoot.learning.onnx_graph import onnx_graph
 from surefoot.learning.policy import Policy
 from surefoot.mpc.gaits import gait_in_words
@@ -133,15 +134,15 @@ def describe(
         gaits=spec.gaits,
         command_range=(tuple(low), tuple(high)),
         torque_limit=tuple(torque.tolist()),
-        speed_limit=_maybe(speed),
-        position_limit=tuple(_maybe(pair) for pair in position),
+        speed_limit=finite_or_none(speed),
+        position_limit=tuple(zip(*map(finite_or_none, position.T), strict=True)),
         profile=None if robot.profile is None else robot.profile.name,
         nominal=tuple(robot.nominal[7:].tolist()),
         start_range=start_range(stored, config.starts) if stored else None,
         delay_ms=max(config.collection.delay, config.pretraining.delay),
         kinematics=kinematic_table(robot),
         provenance=to_json(policy.provenance),
-        policy_sha256=sha256(policy_file.read_bytes()).hexdigest(),
+        policy_sha256=file_hash(policy_file),
         bounds=policy.bounds,
     )
 
@@ -315,11 +316,6 @@ def mjlab_keys(description: PolicyDescription) -> dict[str, str]:
 def _csv(values: Iterable[object]) -> str:
     """Values, separated by commas."""
     return ",".join(str(value) for value in values)
-
-
-def _maybe(values: Any) -> Any:
-    """Numbers as a tuple, with None in place of those that are infinite."""
-    return tuple(float(value) if np.isfinite(value) else None for value in values)
 
 
 def _nested(array: Any) -> Any:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from surefoot.study.report.numbers import Number, difference, share, total
-from surefoot.study.report.panels import Group, Panel, Quantity, ReportFigure, RunPoint
+from surefoot.study.report.panels import Group, Panel, Quantity, ReportFigure, RunPoint, percent
 from surefoot.study.report.source import StageSource, collections, grouped, titled, trained_curves
 from surefoot.study.results import CellResult, StudyResults
 from surefoot.study.run_values import MONITORED
@@ -19,6 +19,15 @@ LIMIT = 0.05
 """The share of failed rollouts that the paper's text names (V-A)."""
 SHARE_LIMIT = 0.10
 """The share of the MPC that the paper's text names for LocoSafeDAGGER (V-A)."""
+
+FAILED = percent("failed, in the paper's count")
+"""The paper's failures, as a share of an iteration's rollouts."""
+FALLS = percent("fell, whoever drove")
+"""Physical falls, as a share of an iteration's rollouts."""
+SHARE = percent("MPC drove, over T")
+"""The share of the time of the rollouts that the expert drove."""
+SHARE_WITH_TAIL = percent("MPC drove, with the tail")
+"""The same, with the tail after the rollout."""
 
 ValueOf = Callable[[StageSource, str], Number]
 """What to show of a collection of a method."""
@@ -38,8 +47,8 @@ def collecting_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
             _rows(
                 results,
                 (
-                    (_percent("failed, in the paper's count"), paper_failures, LIMIT),
-                    (_percent("fell, whoever drove"), falls, LIMIT),
+                    (FAILED, paper_failures, LIMIT),
+                    (FALLS, falls, LIMIT),
                 ),
             ),
         ),
@@ -53,9 +62,9 @@ def collecting_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
             _rows(
                 results,
                 (
-                    (_percent("MPC drove, over T"), _field("expert_share"), SHARE_LIMIT),
+                    (SHARE, _field("expert_share"), SHARE_LIMIT),
                     (
-                        _percent("MPC drove, with the tail"),
+                        SHARE_WITH_TAIL,
                         _field("expert_share_with_tail"),
                         SHARE_LIMIT,
                     ),
@@ -64,11 +73,6 @@ def collecting_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
         ),
     )
     return tuple(figure for figure in figures if figure.curves)
-
-
-def _percent(title: str) -> Quantity:
-    """A share, written in percent."""
-    return Quantity(title, "%", 0.01, 1, is_share=True)
 
 
 def _rows(

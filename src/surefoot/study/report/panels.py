@@ -86,6 +86,11 @@ class Quantity:
     is_share: bool = False
 
 
+def percent(title: str) -> Quantity:
+    """A share, written in percent."""
+    return Quantity(title, "%", 0.01, 1, is_share=True)
+
+
 @dataclass(frozen=True)
 class Panel:
     """A pair of axes.

@@ -11,7 +11,15 @@ from collections.abc import Callable, Sequence
 
 from surefoot.config.study import Measure, Measurement, StudyConfig
 from surefoot.study.report.numbers import Number, share
-from surefoot.study.report.panels import Group, Panel, Quantity, ReportFigure, RunPoint, grid
+from surefoot.study.report.panels import (
+    Group,
+    Panel,
+    Quantity,
+    ReportFigure,
+    RunPoint,
+    grid,
+    percent,
+)
 from surefoot.study.report.source import (
     TestSource,
     best_test,
@@ -23,7 +31,7 @@ from surefoot.study.report.source import (
 )
 from surefoot.study.results import CellResult, StudyResults
 
-SUCCESS = Quantity("success", "%", 0.01, 1, is_share=True)
+SUCCESS = percent("success")
 """Share of the initial states from which a policy succeeds."""
 ERRORS = (
     Quantity("vx", "m²/s² · 10⁻³", 1e-3, 2),

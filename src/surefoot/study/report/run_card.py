@@ -9,40 +9,43 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 
 from surefoot.config import Config
 from surefoot.config.json_io import changes, from_json, read_json
 from surefoot.config.presets import preset
+from surefoot.files import file_hash
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.layout import ATTEMPTS_FILE, KEPT_POLICY_FILE
-from surefoot.runs.metrics import Best, Collected, StageRecord, Validated
+from surefoot.runs.metrics import Collected, StageRecord, Validated, best_iteration
 from surefoot.runs.run import open_run
 from surefoot.runs.setup import read_setup
 from surefoot.study.folder import Tests
-from surefoot.study.report.collecting import LIMIT, falls, paper_failures
+from surefoot.study.layout import TESTS_FOLDER
+from surefoot.study.report.collecting import (
+    FAILED,
+    FALLS,
+    LIMIT,
+    SHARE,
+    falls,
+    paper_failures,
+)
 from surefoot.study.report.numbers import Estimate, Number, share
 from surefoot.study.report.panels import (
     Curve,
     Group,
     Panel,
-    Quantity,
     ReportFigure,
     RunPoint,
+    grid,
     group_of,
+    percent,
 )
 from surefoot.study.report.source import StageSource, stages
 
-FALLS = Quantity("fell, whoever drove", "%", 0.01, 1, is_share=True)
-"""Physical falls, as a share of an iteration's rollouts."""
-FAILED = Quantity("failed, in the paper's count", "%", 0.01, 1, is_share=True)
-"""The paper's failures, as a share of an iteration's rollouts."""
-SHARE = Quantity("MPC drove, over T", "%", 0.01, 1, is_share=True)
-"""The share of the time of the rollouts that the expert drove."""
-SUCCESS = Quantity("success on the select initial states", "%", 0.01, 1, is_share=True)
+SUCCESS = percent("success on the select initial states")
 """The share of the `select` initial states from which a policy succeeds."""
 
 
@@ -106,10 +109,11 @@ def run_card(folder: Path) -> RunCard:
     """
     run = open_run(folder)
     metrics = tuple(run.metrics)
-    best = next((r.best_iteration for r in metrics if isinstance(r, Best)), None)
+    best = best_iteration(metrics)
     policy = _policy_of(folder, best)
     is_field_run = (folder / ATTEMPTS_FILE).exists()
-    tests = tuple(from_json(Tests, read_json(path)) for path in sorted(folder.glob("tests/*.json")))
+    measured = sorted(folder.glob(f"{TESTS_FOLDER}/*.json"))
+    tests = tuple(from_json(Tests, read_json(path)) for path in measured)
     return RunCard(
         folder=folder,
         method=run.method,
@@ -120,7 +124,7 @@ def run_card(folder: Path) -> RunCard:
         metrics=metrics,
         tests=tests,
         policy=policy,
-        policy_sha256="" if policy is None else sha256(policy.read_bytes()).hexdigest(),
+        policy_sha256="" if policy is None else file_hash(policy),
         failures=tuple(_failures(folder, metrics, is_field_run)),
         figures=_figures(run.method, is_field_run, stages(metrics)),
     )
@@ -129,7 +133,7 @@ def run_card(folder: Path) -> RunCard:
 def option_changes(config: Config) -> list[tuple[str, object, object]]:
     """The options of a run that differ from the paper's, with both values.
 
-    Robot, gaits and seed are the run's own, so that what follows from them is no difference.
+    Robot, gaits and seed are taken from the run, so whatever follows from them is not listed.
     """
     paper = replace(
         preset(config.method.name, "paper"),
@@ -200,14 +204,13 @@ def _figures(
         panels.append(Panel(SUCCESS.title, SUCCESS, _curve("success", success)))
     if not panels:
         return ()
-    rows = tuple(tuple(panels[first : first + 2]) for first in range(0, len(panels), 2))
     is_series = method == "behavior_cloning"
     figure = ReportFigure(
         "iterations",
         "Along the amount of data" if is_series else "Along the iterations",
         " ".join([*captions, _about_iterations(method, is_field_run)]),
         "policies" if is_series else "iterations",
-        rows,
+        grid(panels, 2),
         over_runs=False,
     )
     return (figure,)

@@ -19,7 +19,7 @@ SEEN = {
 """What the network of each observation layout sees."""
 
 
-def limits_of(config: Config, is_field_run: bool) -> list[str]:
+def limitations(config: Config, is_field_run: bool) -> list[str]:
     """What must not be expected of the policy of a run, in sentences.
 
     Args:
@@ -79,10 +79,10 @@ def _disturbed(config: Config, is_field_run: bool) -> list[str]:
     method = config.method
     is_cloned = isinstance(method, BehaviorCloningConfig)
     first = config.collection if is_cloned else config.pretraining
-    parts = [("While the expert was recorded", disturbances(acting(first)))]
+    parts = [("While the expert was recorded", disturbance_texts(acting(first)))]
     if isinstance(method, IterativeConfig) and not is_field_run:
         later = acting(config.collection, rises=True, teaches=method.teaches)
-        parts.append(("In the iterations", disturbances(later)))
+        parts.append(("In the iterations", disturbance_texts(later)))
     told = [f"{when}, robots were disturbed: {', '.join(what)}." for when, what in parts if what]
     if told:
         return told
@@ -90,8 +90,8 @@ def _disturbed(config: Config, is_field_run: bool) -> list[str]:
     return [f"No robot was pushed or otherwise disturbed{where} while data was collected."]
 
 
-def disturbances(disturbance: DisturbanceConfig) -> list[str]:
-    """What disturbs robots, as options with their values; empty if nothing does.
+def disturbance_texts(disturbance: DisturbanceConfig) -> list[str]:
+    """The options that disturb robots, with their values; empty if nothing does.
 
     Args:
         disturbance: What is drawn for each episode, without what changes nothing.

@@ -15,7 +15,7 @@ from surefoot.learning.policy import Policy, load, policy_spec
 from surefoot.robots.load import load_robot
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
 from surefoot.study.folder import Tests
-from surefoot.study.layout import FIGURES_FOLDER, PAGE_FILE
+from surefoot.study.layout import FIGURES_FOLDER, PAGE_FILE, TESTS_FOLDER
 from surefoot.study.report.markup import (
     COUNT,
     MISSING,
@@ -36,7 +36,7 @@ from surefoot.study.report.panels import Quantity
 from surefoot.study.report.performance import ERRORS, SUCCESS
 from surefoot.study.report.pictures import draw_all
 from surefoot.study.report.run_card import RunCard, option_changes
-from surefoot.study.report.run_limits import SIMULATORS, limits_of
+from surefoot.study.report.run_limits import SIMULATORS, limitations
 from surefoot.study.report.source import StageSource, TestSource, stages
 from surefoot.study.report.style import document
 from surefoot.study.report.tables import MINUTES
@@ -188,7 +188,7 @@ def _training(card: RunCard) -> list[Markup]:
         pairs.append(("expert", code(first.expert)))
         pairs.append(("initial states, SHA-256", code(first.starts_hash)))
     options = [
-        (code(name), code(_plain(value)), code(_plain(paper)))
+        (code(name), code(json.dumps(value)), code(json.dumps(paper)))
         for name, value, paper in option_changes(card.config)
     ]
     whole = json.dumps(to_json(card.config), indent=1)
@@ -217,11 +217,6 @@ def _minutes(found: dict[str, StageSource]) -> Markup:
     """Wall time of the stages of an iteration."""
     timed = [each for each in found.values() if not isinstance(each.record, Best)]
     return number(total([each.number("seconds") for each in timed]), MINUTES)
-
-
-def _plain(value: object) -> str:
-    """A value of an option as JSON."""
-    return json.dumps(value)
 
 
 def _results(card: RunCard, pictures: Sequence[Markup]) -> list[Markup]:
@@ -255,7 +250,7 @@ def _test_rows(card: RunCard, tests: Tests) -> list[tuple[Markup, ...]]:
     for position, test in enumerate(tests.policies):
         if test.iteration != card.best_iteration:
             continue
-        source = TestSource(f"tests/{tests.measurement}.json", position, test)
+        source = TestSource(f"{TESTS_FOLDER}/{tests.measurement}.json", position, test)
         name = escaped(tests.measurement)
         if test.robustness is not None:
             rows.append(
@@ -313,7 +308,7 @@ def _interval(low: Number, high: Number, quantity: Quantity = SUCCESS) -> Markup
 
 def _limits(card: RunCard) -> list[Markup]:
     """What must not be expected of the policy."""
-    texts = limits_of(card.config, card.is_field_run)
+    texts = limitations(card.config, card.is_field_run)
     return [element("ul", joined([element("li", escaped(text)) for text in texts]))]
 
 

@@ -11,14 +11,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from surefoot.config.study import EXPERT, Technique
+from surefoot.runs.layout import METRICS_FILE
 from surefoot.runs.metrics import Collected, StageRecord
 from surefoot.study.folder import PolicyTest
+from surefoot.study.layout import TESTS_FOLDER
 from surefoot.study.report.numbers import Number, stored, stored_share
 from surefoot.study.report.panels import Curve, Group, RunPoint, group_of
 from surefoot.study.results import CellResult, StudyResults
-
-METRICS_FILE = "metrics.jsonl"
-"""File of a run's metrics."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +113,7 @@ def tests(cell: CellResult, measurement: str) -> tuple[TestSource, ...]:
     """What a measurement says of the policies of a cell, with its places."""
     if measurement not in cell.tests:
         return ()
-    file = f"{cell.cell.name}/tests/{measurement}.json"
+    file = f"{cell.cell.name}/{TESTS_FOLDER}/{measurement}.json"
     policies = cell.tests[measurement].policies
     return tuple(TestSource(file, position, test) for position, test in enumerate(policies))
 

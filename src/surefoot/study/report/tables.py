@@ -6,8 +6,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from surefoot.runs.layout import METRICS_FILE
 from surefoot.runs.metrics import Best, Collected
 from surefoot.study.folder import JobRecord
+from surefoot.study.layout import JOBS_FOLDER
 from surefoot.study.report.markup import (
     COUNT,
     MISSING,
@@ -30,7 +32,7 @@ from surefoot.study.report.numbers import (
     total,
 )
 from surefoot.study.report.panels import Curve, Panel, Quantity, ReportFigure
-from surefoot.study.report.source import METRICS_FILE, best_test, stages
+from surefoot.study.report.source import best_test, stages
 from surefoot.study.results import CellResult, StudyResults
 from surefoot.study.run_values import is_trained
 
@@ -201,7 +203,7 @@ def job_table(results: StudyResults) -> Markup:
     rows = []
     for cell in results.cells:
         for job in cell.jobs:
-            file = f"{cell.cell.name}/jobs/{job.job}.json"
+            file = f"{cell.cell.name}/{JOBS_FOLDER}/{job.job}.json"
             rows.append(
                 (
                     code(job.job),
@@ -226,7 +228,7 @@ def job_table(results: StudyResults) -> Markup:
 def job_seconds(results: StudyResults) -> Number:
     """How long all jobs ran together [s]."""
     seconds = [Number(job.seconds, "") for cell in results.cells for job in cell.jobs]
-    return total(seconds, "**/jobs/*.json#/seconds")
+    return total(seconds, f"**/{JOBS_FOLDER}/*.json#/seconds")
 
 
 def processors(jobs: Sequence[JobRecord]) -> tuple[str, ...]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
-from surefoot.study.comparisons import comparison_outcomes
+from surefoot.study.claims import Claim
+from surefoot.study.comparisons import ComparisonOutcome, comparison_outcomes
 from surefoot.study.folder import JudgedPrediction
 from surefoot.study.paper_claims import paper_claims
 from surefoot.study.report.markup import Markup, element, escaped, table
@@ -20,38 +20,9 @@ CLASSES = {"holds": "holds", "does not hold": "fails"}
 """Classes of the verdicts in the page's style."""
 
 
-class Judgement(Protocol):
-    """A sentence, and whether the results bear it out."""
-
-    @property
-    def text(self) -> str:
-        """The sentence."""
-        ...
-
-    @property
-    def section(self) -> str:
-        """Where it stands in the paper, or in which setting it was measured."""
-        ...
-
-    @property
-    def verdict(self) -> str:
-        """Whether it holds, does not hold, or cannot be told."""
-        ...
-
-    @property
-    def number(self) -> str:
-        """What was measured."""
-        ...
-
-    @property
-    def reason(self) -> str:
-        """Why the verdict is what it is."""
-        ...
-
-
 @dataclass(frozen=True)
 class Verdict:
-    """A judgement, as the report's JSON has it.
+    """A judged claim or comparison, as the report's JSON has it.
 
     Attributes:
         text: The sentence.
@@ -84,14 +55,13 @@ class Verdicts:
 def verdicts_of(results: StudyResults) -> Verdicts:
     """Judge the claims and the planned comparisons of a study."""
     claims = paper_claims(results) if results.study.claims == "paper" else ()
-    return Verdicts(_plain(claims), _plain(comparison_outcomes(results)))
+    return Verdicts(_verdicts(claims), _verdicts(comparison_outcomes(results)))
 
 
-def _plain(judgements: Sequence[Judgement]) -> tuple[Verdict, ...]:
-    """Judgements as records of the report."""
+def _verdicts(judged: Sequence[Claim | ComparisonOutcome]) -> tuple[Verdict, ...]:
+    """Judged claims or comparisons as records of the report."""
     return tuple(
-        Verdict(each.text, each.section, each.verdict, each.number, each.reason)
-        for each in judgements
+        Verdict(each.text, each.section, each.verdict, each.number, each.reason) for each in judged
     )
 
 

@@ -9,14 +9,14 @@ import pytest
 from surefoot.config import Config
 from surefoot.config.single_gaits import each_gait
 from surefoot.deploy.handover import NoPlan, PlanRequest
+from surefoot.field import planner as planner_module
+from surefoot.field.planner import PlannerProcess
 from surefoot.mpc.expert import make_planner
 from surefoot.mpc.gaits import with_gaits
 from surefoot.robots.geometry import state_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
-from surefoot.twin import planner as planner_module
-from surefoot.twin.planner import PlannerProcess
 from surefoot.types import Command, GaitCommand
 
 
