@@ -15,7 +15,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.gait_switches import NEVER, GaitSwitches
 from surefoot.types import MotionPlan
 from tests.fakes.drivers import FakeController, Script, starts_of
-from tests.fakes.simulator import FakeSimulator
+from tests.fakes.simulator import FakeSimulator, OnTheGround
 
 SWITCHES = GaitSwitches(np.array([[30, 60], [40, 70]]), np.array([[1, 0], [2, 1]]))
 
@@ -32,14 +32,6 @@ class InGaits(FakeController):
     def torque(self, state, tick, command, mask):
         self.walked.append(np.broadcast_to(self.gait, len(tick)).copy())
         return super().torque(state, tick, command, mask)
-
-
-class OnTheGround(FakeSimulator):
-    """No foot ever leaves the ground."""
-
-    @property
-    def state(self):
-        return replace(super().state, contacts=np.ones((self.batch, 4), bool))
 
 
 def episodes(duration=0.1, switches: GaitSwitches | None = SWITCHES):

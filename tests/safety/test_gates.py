@@ -153,6 +153,16 @@ def test_no_gates_are_refused():
         AnyOf([])
 
 
+def test_gates_may_come_from_a_generator_and_are_kept():
+    signals = [np.array([[False] * 3]), np.array([[True] * 3])]
+    gate = AnyOf(ScriptedGate(signal) for signal in signals)
+    for _ in range(2):
+        gate.reset(1)
+        assert gate.unsafe(state_of(STANDING), CLOCK, COMMAND).tolist() == [True]
+    with pytest.raises(ValueError, match="no gates"):
+        AnyOf(each for each in ())
+
+
 def test_relaxing_bounds_start_tight_and_end_as_in_the_table():
     level = state_of(turned_robot())
     tilted = state_of(turned_robot(roll=20))

@@ -9,7 +9,7 @@ ends, and `jobs` for many episodes.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from surefoot.config import Gait, SafetyConfig
 from surefoot.robots.model import RobotModel, stop_speeding
 from surefoot.robots.scaling import own_height, own_safety
+from surefoot.rollouts.agreement import check_agreement, known_gaits
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.episodes import Episodes, Rollout
@@ -30,7 +31,7 @@ from surefoot.rollouts.outcome import (
     stepping,
 )
 from surefoot.rollouts.past import tell_past
-from surefoot.rollouts.roles import OfKnownGaits, OfOneRobot, Remembering, in_several_gaits
+from surefoot.rollouts.roles import Remembering, in_several_gaits
 from surefoot.scenarios.disturbance import Disturbance
 from surefoot.scenarios.push import push
 from surefoot.scenarios.sensors import make_sensors
@@ -74,7 +75,7 @@ def rollout(
         expert: Drives where the arbiter says so, and during the tail.
         policy: Drives elsewhere; None if the arbiter never asks for one.
         safety: The bounds beyond which a robot has fallen, with the robot's own for None. Without
-            any they are all its own, and stepping is judged by the gait of the expert.
+            any they are all its own. Stepping is judged later where the expert's gait is slow.
         ask_always: Ask the expert at every tick for the torque that it would apply there, even
             where the policy drives (DAGGER). It then plans on its grid, and a takeover continues
             its current plan.
@@ -84,26 +85,18 @@ def rollout(
         What happened, tick by tick, to each robot.
 
     Raises:
-        ValueError: The number of robots is not that of the episodes, the policy is one of another
-            robot, torques are not ``(B, 12)``, flags are not boolean arrays ``(B,)``, the arbiter
-            asks for a policy and there is none, or robots are to walk another gait than the first
-            one, and a controller takes none.
+        ValueError: The parts do not fit together (`agreement.check_agreement`), torques are not
+            ``(B, 12)``, flags are not boolean arrays ``(B,)``, the arbiter asks for a policy and
+            there is none, or robots are to walk another gait than the first one, and a controller
+            takes none.
     """
     disturbance = episodes.disturbance or Disturbance()
     starts = episodes.starts
     B = len(starts)
-    if simulator.batch != B:
-        raise ValueError(
-            f"{B} initial states for a simulator of {simulator.batch} robots; give it {B} robots"
-        )
+    check_agreement(simulator, episodes, expert, policy)
     robot = simulator.robot
-    name = robot.name
-    if isinstance(policy, OfOneRobot) and isinstance(policy.robot, str) and policy.robot != name:
-        raise ValueError(
-            f"a policy of the robot {policy.robot!r} for a simulator of {name!r}; use a policy "
-            "that was trained on this robot"
-        )
-    safety = _own_safety(safety, robot, expert)
+    gaits = known_gaits(expert)
+    safety = _own_safety(safety, robot, gaits)
     T = to_ticks(episodes.duration)
     total = T + to_ticks(episodes.tail)
     grace = to_ticks(safety.grace)
@@ -185,24 +178,24 @@ def rollout(
     if progress is not None and elapsed % PROGRESS_TICKS:
         progress(elapsed % PROGRESS_TICKS)
     if safety.stepping_from is not None and to_ticks(safety.stepping_from) <= T:
-        gaits = expert.gaits if isinstance(expert, OfKnownGaits) else ()
         steps = never_standing(gaits, episodes.gaits_until(T))
         recorder.mark_stalled(T, robot.foot_radius, steps)
     return recorder.rollout(episodes, disturbance, T)
 
 
-def _own_safety(safety: SafetyConfig | None, robot: RobotModel, expert: Controller) -> SafetyConfig:
-    """The bounds, with the robot's own in place of None; without any, judged by the expert's gaits.
+def _own_safety(
+    safety: SafetyConfig | None, robot: RobotModel, gaits: Sequence[Gait]
+) -> SafetyConfig:
+    """The bounds, with the robot's own in place of None; stepping is judged by the gaits.
 
     Args:
         safety: The bounds that were given, if any were.
         robot: The robot.
-        expert: The expert.
+        gaits: The gaits that the expert walks; none if nobody knows.
     """
-    gaits = expert.gaits if isinstance(expert, OfKnownGaits) else ()
     height = min(own_height(gait, robot) for gait in gaits or (Gait(),))
     own = own_safety(safety or SafetyConfig(), height, robot)
-    if safety is not None or not gaits:
+    if not gaits:
         return own
     return replace(own, stepping_from=judged_from(own, *gaits))
 
@@ -337,25 +330,32 @@ class _Controllers:
         if np.count_nonzero(by_policy):
             if self._policy is None:
                 raise ValueError("the arbiter asks for a policy, but none was given")
-            torque = self._policy.torque(measured, tick, self._command, by_policy)
+            answer = self._policy.torque(measured, tick, self._command, by_policy)
+            torque = self._checked("policy", answer)
         by_expert = choice & recorder.active
         asked = recorder.active.copy() if self._ask_always else by_expert
         if np.count_nonzero(asked):
             answer = self._expert.torque(shown, tick, self._command, asked)
+            answer = self._checked("expert", answer)
             diverged = one_flag_each(self._expert.diverged, len(choice), self._expert)
             recorder.asked[elapsed] = asked & ~diverged
             recorder.end(by_expert & diverged, Outcome.DIVERGED, elapsed)
             torque = np.where(by_expert[:, None], answer, torque)
             if self._ask_always:
                 recorder.expert_torque[elapsed] = clip_torque(answer, self._torque_limit)
-        if torque.shape != self._no_torque.shape:
-            raise ValueError(
-                f"a controller gave torques {torque.shape} for {len(choice)} robots; give "
-                f"{self._no_torque.shape}"
-            )
         torque = clip_torque(torque, self._torque_limit)
         recorder.torque[elapsed] = torque
         recorder.drove[elapsed] = choice
+        return torque
+
+    def _checked(self, who: str, answer: Array) -> Array:
+        """The torques ``(B, 12)`` that a controller gave; other shapes would be broadcast."""
+        torque = np.asarray(answer)
+        expected = self._no_torque.shape
+        if torque.shape != expected:
+            raise ValueError(
+                f"the {who} gave torques {torque.shape} for {expected[0]} robots; give {expected}"
+            )
         return torque
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +22,12 @@ from surefoot.rollouts.past import Past, join_pasts, with_past
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
 from surefoot.scenarios.gait_switches import GaitSwitches, gait_table, join_switches
 from surefoot.scenarios.starts import Starts, join_starts
-from surefoot.scenarios.starts_check import check_starts
+from surefoot.scenarios.starts_check import check_starts, checked_ids, with_whole_numbers
 from surefoot.sim.terrain import Ground, join_grounds
 from surefoot.types import Array, BoolArray, IntArray, State, lowered, to_ticks
+
+Part = TypeVar("Part")
+"""A field of the parts that are joined."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,9 @@ class Episodes:
     past: Past | None = None
 
     def __post_init__(self) -> None:
-        """Check that the episodes can be simulated."""
+        """Check that the episodes can be simulated, and bring whole numbers to one type."""
         check_starts(self.starts)
+        object.__setattr__(self, "starts", with_whole_numbers(self.starts))
         B = len(self.starts)
         lasts = math.isfinite(self.duration) and to_ticks(self.duration) >= 1
         if not lasts or not 0.0 <= self.tail < math.inf:
@@ -73,26 +78,20 @@ class Episodes:
                 "0.001 s, and a tail of 0 s or more"
             )
         if self.id is not None:
-            if np.shape(self.id) != (B,):
-                raise ValueError(
-                    f"ids {np.shape(self.id)} for {B} initial states; give one for each"
-                )
-            if np.asarray(self.id).dtype.kind not in "iu":
-                raise ValueError(f"ids are whole numbers, not {np.asarray(self.id).dtype}")
+            object.__setattr__(self, "id", checked_ids(self.id, B))
         disturbed = None if self.disturbance is None else self.disturbance.batch
         if disturbed is not None and disturbed != B:
             raise ValueError(f"a disturbance of {disturbed} robots, but there are {B}")
-        if self.ground is not None and len(self.ground) != B:
-            raise ValueError(f"the ground of {len(self.ground)} robots, but there are {B}")
-        if self.switches is not None and len(self.switches) != B:
-            raise ValueError(f"switches of {len(self.switches)} robots, but there are {B}")
-        if self.past is not None and len(self.past) != B:
-            raise ValueError(f"the past of {len(self.past)} robots, but there are {B}")
+        parts = {"the ground": self.ground, "switches": self.switches, "the past": self.past}
+        for name, part in parts.items():
+            if part is not None and len(part) != B:
+                raise ValueError(f"{name} of {len(part)} robots, but there are {B}")
         if self.late is not None:
             delay = 0 if self.disturbance is None else self.disturbance.delay
-            if self.late.shape != (B, delay, 12):
+            object.__setattr__(self, "late", np.asarray(self.late, dtype=np.float64))
+            if np.shape(self.late) != (B, delay, 12):
                 raise ValueError(
-                    f"late torques {self.late.shape} for {B} robots and a delay of {delay} ms; "
+                    f"late torques {np.shape(self.late)} for {B} robots and a delay of {delay} ms; "
                     f"give ({B}, {delay}, 12)"
                 )
 
@@ -145,18 +144,10 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
         ValueError: Some parts are disturbed, have late torques, ground or a past, and others do
             not.
     """
-    grounds = [part.ground for part in parts if part.ground is not None]
-    if len(grounds) not in (0, len(parts)):
-        raise ValueError(f"{len(grounds)} of {len(parts)} parts have ground of their own; give all")
-    disturbances = [part.disturbance for part in parts if part.disturbance is not None]
-    if len(disturbances) not in (0, len(parts)):
-        raise ValueError(f"{len(disturbances)} of {len(parts)} parts are disturbed; disturb all")
-    switches = [part.switches for part in parts if part.switches is not None]
-    if len(switches) not in (0, len(parts)):
-        raise ValueError(f"{len(switches)} of {len(parts)} parts change their gait; give all")
-    pasts = [part.past for part in parts if part.past is not None]
-    if len(pasts) not in (0, len(parts)):
-        raise ValueError(f"{len(pasts)} of {len(parts)} parts have a past; give all")
+    grounds = _of_all([part.ground for part in parts], "have ground of their own; give all")
+    disturbances = _of_all([part.disturbance for part in parts], "are disturbed; disturb all")
+    switches = _of_all([part.switches for part in parts], "change their gait; give all")
+    pasts = _of_all([part.past for part in parts], "have a past; give all")
     return replace(
         parts[0],
         starts=join_starts([part.starts for part in parts]),
@@ -167,6 +158,18 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
         switches=join_switches(switches) if switches else None,
         past=join_pasts(pasts) if pasts else None,
     )
+
+
+def _of_all(values: Sequence[Part | None], what: str) -> list[Part]:
+    """The values of all parts, or none.
+
+    Raises:
+        ValueError: Some parts have one, and others do not.
+    """
+    given = [value for value in values if value is not None]
+    if len(given) not in (0, len(values)):
+        raise ValueError(f"{len(given)} of {len(values)} parts {what}")
+    return given
 
 
 @dataclass(frozen=True)

@@ -27,11 +27,10 @@ from surefoot.robots.scaling import own_pushes, with_own_values
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.engine import rollout
 from surefoot.rollouts.episodes import Episodes, Rollout
-from surefoot.rollouts.outcome import judged_from
 from surefoot.rollouts.summary import EpisodeInfo, Summary, join_summaries, summarize
 from surefoot.rollouts.traces import Trace, trace_of
 from surefoot.scenarios.disturbance import Disturbance, draw_disturbances
-from surefoot.scenarios.ground import check_outside, draw_ground
+from surefoot.scenarios.ground import draw_ground
 from surefoot.scenarios.starts import Starts
 from surefoot.sim import make_simulator
 from surefoot.sim.terrain import Ground
@@ -208,20 +207,14 @@ def disturbance_of(job: Job) -> Disturbance:
 
 
 def ground_of(job: Job) -> Ground | None:
-    """The ground of a job's robots: that of its episodes, or else one that is drawn.
-
-    Raises:
-        ValueError: A robot begins inside the ground of its episode.
-    """
-    robot = _robot(job.config.robot)
+    """The ground of a job's robots: that of its episodes, or else one that is drawn."""
     ground = job.episodes.ground
     if ground is not None:
-        if ground.touching is None:  # robots that go on from an episode were where they are
-            check_outside(ground, robot, job.starts.q, job.episode)
         return ground
     terrains = job.config.simulation.terrains
     if not terrains:
         return None
+    robot = _robot(job.config.robot)
     return draw_ground(terrains, job.config.seed, job.episode, robot, job.starts.q)
 
 
@@ -241,14 +234,13 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
     ground = ground_of(job)
     expert = make_expert(robot, config, job.plan or _plan(config))
     fall_angle = max(config.safety.fall_angle, job.disturbance.fall_angle)
-    stepping_from = judged_from(config.safety, *config.gaits)
     rollouts = rollout(
         make_simulator(robot, len(job.episodes), config.simulation, ground),
         replace(job.episodes, disturbance=disturbance_of(job), ground=ground),
         job.arbiter,
         expert,
         _policy_of(job),
-        replace(config.safety, fall_angle=fall_angle, stepping_from=stepping_from),
+        replace(config.safety, fall_angle=fall_angle),
         job.ask_always,
         progress,
     )

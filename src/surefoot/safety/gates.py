@@ -8,7 +8,7 @@ the arithmetic.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Protocol
 
@@ -67,10 +67,10 @@ class AnyOf:
         ValueError: There are no gates.
     """
 
-    def __init__(self, gates: Sequence[Gate]) -> None:
-        if not gates:
+    def __init__(self, gates: Iterable[Gate]) -> None:
+        self._gates = tuple(gates)
+        if not self._gates:
             raise ValueError("no gates; give at least one")
-        self._gates = gates
 
     def reset(self, batch: int) -> None:
         """Reset all of them."""

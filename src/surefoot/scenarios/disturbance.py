@@ -140,6 +140,7 @@ class Disturbance:
                 f"disturbance: a delay of {self.delay} ms; use whole numbers from 0 to "
                 f"{LONGEST_DELAY}"
             )
+        object.__setattr__(self, "delay", int(self.delay))
         if self.measured is not None:
             measured = np.asarray(self.measured)
             whole = measured.ndim == 1 and np.issubdtype(measured.dtype, np.integer)

@@ -44,7 +44,7 @@ class GaitSwitches:
     gait: IntArray
 
     def __post_init__(self) -> None:
-        """Check both arrays."""
+        """Check both arrays, and make them arrays of one type."""
         if np.ndim(self.elapsed) != 2 or np.shape(self.elapsed) != np.shape(self.gait):
             raise ValueError(
                 f"gaits {np.shape(self.gait)} from the ticks {np.shape(self.elapsed)} on; give "
@@ -54,6 +54,12 @@ class GaitSwitches:
             raise ValueError("switches of gait that are not in the order of time; sort each row")
         if (np.asarray(self.gait) < 0).any():
             raise ValueError(f"a switch to gait number {np.min(self.gait)}; use 0 or more")
+
+        for name in ("elapsed", "gait"):
+            values = np.asarray(getattr(self, name))
+            if values.dtype.kind not in "iu":
+                raise ValueError(f"switches of gait: {name} is {values.dtype}; use whole numbers")
+            object.__setattr__(self, name, values.astype(np.int64, copy=False))
 
     def __len__(self) -> int:
         return len(self.elapsed)

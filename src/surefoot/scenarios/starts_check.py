@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from surefoot.types import Array
+from surefoot.types import Array, IntArray
 
 if TYPE_CHECKING:
     from surefoot.scenarios.starts import Starts
@@ -118,6 +119,33 @@ def check_starts(starts: Starts) -> None:
         row = int((np.asarray(starts.gait) < 0).argmax())
         raise ValueError(f"initial states: gait[{row}] is {starts.gait[row]}; use 0 or more")
     check_unit_quaternions(starts.q)
+
+
+def checked_ids(ids: ArrayLike, n: int) -> IntArray:
+    """The ids ``(n,)`` of episodes, as integers of 64 bits.
+
+    Raises:
+        ValueError: There is another number of them, or they are not whole numbers from 0 on, from
+            which random numbers are drawn.
+    """
+    array = np.asarray(ids)
+    if array.shape != (n,):
+        raise ValueError(f"ids {array.shape} for {n} initial states; give one for each")
+    if array.dtype.kind not in "iu":
+        raise ValueError(f"ids are whole numbers, not {array.dtype}")
+    if (array < 0).any():
+        raise ValueError(f"an id of {array.min()}; use 0 or more")
+    return array.astype(np.int64, copy=False)
+
+
+def with_whole_numbers(starts: Starts) -> Starts:
+    """The same initial states with ticks, ids and gaits of 64 bits, for sums that never wrap."""
+    whole = {
+        name: np.asarray(getattr(starts, name)).astype(np.int64, copy=False)
+        for name in ("tick", "id", "gait")
+    }
+    has_them = all(array is getattr(starts, name) for name, array in whole.items())
+    return starts if has_them else replace(starts, **whole)
 
 
 def check_unit_quaternions(q: Array) -> None:

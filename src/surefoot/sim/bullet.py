@@ -110,6 +110,7 @@ class BulletSimulator:
     Attributes:
         robot: The robot that is simulated.
         batch: The number of robots B.
+        ground: The ground of each robot; None is the plane z = 0.
         clients: PyBullet's ``physicsClientId`` of each robot, for what the protocol does not offer;
             a reset builds a client's world anew.
         body: PyBullet's id of the robot, in every client; the floor is body 0, and a height field
@@ -163,7 +164,7 @@ class BulletSimulator:
                 ) from error
         self._friction = np.full(batch, self._config.friction)
         self._mass = np.ones(batch)
-        self._ground = ground
+        self.ground = ground
         self.body = self._build(0)
         self.joints, self.foot_links = self._indices(robot)
         self._q = np.zeros((batch, 19))
@@ -218,8 +219,8 @@ class BulletSimulator:
             maxJointVelocity=NO_LIMIT,
             physicsClientId=client,
         )
-        if self._ground is not None:
-            lay_ground(client, floor, self._ground[row : row + 1], friction)
+        if self.ground is not None:
+            lay_ground(client, floor, self.ground[row : row + 1], friction)
         return body
 
     def _base_links(self, row: int, body: int) -> tuple[int, ...]:

@@ -143,6 +143,7 @@ class MujocoSimulator:
     Attributes:
         robot: The robot that is simulated.
         batch: The number of robots B.
+        ground: The ground of each robot; None is the plane z = 0.
         model: The MuJoCo model of one robot.
         simulations: MuJoCo's own batch, for what the protocol does not offer, such as
             ``simulations.expand("opt.gravity")`` for slopes.
@@ -186,7 +187,7 @@ class MujocoSimulator:
         self._variation: tuple[Array, Array] | None = None
         self._loaded = np.zeros(0, dtype=int)  # rows whose mass is not the nominal one
         self._measured: tuple[State, BoolArray] | None = None
-        self._uneven = ground is not None
+        self.ground = ground
         if ground is not None:
             self._lay(ground)
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, self.model.nv)))
@@ -299,7 +300,7 @@ class MujocoSimulator:
             )
             if self._loaded.size:
                 com[self._loaded] = rigid.center_of_mass(q[self._loaded], *self._nominal)
-            if self._uneven:
+            if self.ground is not None:
                 forces = sensors[:, FOOT_FORCES]
                 body_contact = _rest_carries(sensors[:, GROUND], forces, CONTACT_FORCE)
             self._measured = (State(q, v, com, feet, contacts), body_contact)

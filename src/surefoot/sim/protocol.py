@@ -7,11 +7,12 @@ physics engine is imported by its own module only. Read `sim.mujoco`, the defaul
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from surefoot.robots.model import RobotModel
+from surefoot.sim.terrain import Ground
 from surefoot.types import Array, BoolArray, State
 
 TIME_STEP = 1e-3
@@ -130,3 +131,13 @@ def check_positive(name: str, values: Array, batch: int) -> Array:
         row = int(wrong.argmax())
         raise ValueError(f"{name} of robot {row} is {copy[row]}; it must be finite and positive")
     return copy
+
+
+@runtime_checkable
+class OnGround(Protocol):
+    """A simulator that says on which ground its robots are; none has to."""
+
+    @property
+    def ground(self) -> Ground | None:
+        """The ground of each robot; None is the plane z = 0."""
+        ...

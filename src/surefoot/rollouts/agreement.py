@@ -1,0 +1,99 @@
+"""Whether the parts of a rollout belong together, checked before its first tick.
+
+Read `engine` next, which runs them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from surefoot.config import Gait
+from surefoot.robots.model import RobotModel
+from surefoot.rollouts.episodes import Episodes
+from surefoot.rollouts.roles import OfKnownGaits, OfOneRobot
+from surefoot.scenarios.ground import check_outside
+from surefoot.sim.protocol import OnGround, Simulator
+from surefoot.sim.terrain import Ground
+from surefoot.types import Controller
+
+
+def known_gaits(expert: Controller) -> tuple[Gait, ...]:
+    """The gaits that an expert walks, by their numbers; none if nobody knows."""
+    return expert.gaits if isinstance(expert, OfKnownGaits) else ()
+
+
+def check_agreement(
+    simulator: Simulator, episodes: Episodes, expert: Controller, policy: Controller | None
+) -> None:
+    """Check that simulator, episodes and controllers fit together.
+
+    Args:
+        simulator: The simulator.
+        episodes: The episodes.
+        expert: The expert.
+        policy: The policy, if there is one.
+
+    Raises:
+        ValueError: There is another number of robots than of episodes, the policy is one of another
+            robot, simulator and episodes are on different ground, a robot begins inside its ground,
+            or robots are to walk a gait that the expert does not know.
+    """
+    B = len(episodes)
+    if simulator.batch != B:
+        raise ValueError(
+            f"{B} initial states for a simulator of {simulator.batch} robots; give it {B} robots"
+        )
+    name = simulator.robot.name
+    if isinstance(policy, OfOneRobot) and isinstance(policy.robot, str) and policy.robot != name:
+        raise ValueError(
+            f"a policy of the robot {policy.robot!r} for a simulator of {name!r}; use a policy "
+            "that was trained on this robot"
+        )
+    _check_ground(simulator, episodes, simulator.robot)
+    _check_gaits(episodes, len(known_gaits(expert)))
+
+
+def _check_ground(simulator: Simulator, episodes: Episodes, robot: RobotModel) -> None:
+    """Check that robots are on the ground that they are judged by, and begin on top of it."""
+    ground = episodes.ground
+    if isinstance(simulator, OnGround):
+        laid = simulator.ground
+        if laid is not None and ground is None:
+            raise ValueError(
+                "the simulator has ground, and the episodes have none, by which robots are judged; "
+                "give it to both: Episodes(..., ground=ground)"
+            )
+        if laid is None and ground is not None:
+            raise ValueError(
+                "the episodes have ground, and the simulator has none; give it to both: "
+                "make_simulator(..., ground=ground)"
+            )
+        if laid is not None and ground is not None and not _lie_alike(laid, ground):
+            raise ValueError(
+                "the ground of the simulator is not that of the episodes; give the same to both"
+            )
+    # Robots that go on from an episode were where they are.
+    if ground is not None and ground.touching is None:
+        check_outside(ground, robot, episodes.starts.q, episodes.ids)
+
+
+def _lie_alike(one: Ground, other: Ground) -> bool:
+    """Whether two grounds are the same terrains at the same places."""
+    return (
+        one.terrains == other.terrains
+        and np.array_equal(one.origin, other.origin)
+        and np.array_equal(one.yaw, other.yaw)
+    )
+
+
+def _check_gaits(episodes: Episodes, known: int) -> None:
+    """Check that robots are only to walk gaits that the expert knows."""
+    switches = episodes.switches
+    highest = int(episodes.starts.gait.max(initial=0))
+    if switches is not None:
+        highest = max(highest, int(switches.gait.max(initial=0)))
+    if known and highest >= known:
+        raise ValueError(
+            f"robots are to walk gait number {highest}, but the expert knows {known}; use numbers "
+            f"from 0 to {known - 1}, or an expert of more gaits"
+        )
