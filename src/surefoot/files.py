@@ -303,7 +303,7 @@ def write_json(path: Path, record: object) -> None:
     write_atomic(path, json.dumps(to_json(record), indent=1, allow_nan=False).encode())
 
 
-def file_hash(path: Path) -> str:
+def sha256_of(path: Path) -> str:
     """SHA-256 of a file, as hexadecimal digits."""
     return sha256(path.read_bytes()).hexdigest()
 

@@ -159,10 +159,18 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(surefoot, capsy
     (tmp_path / "file").touch()
     assert surefoot("train", "dagger", "--run", tmp_path / "file") == 2
     error = capsys.readouterr().err
-    assert error.startswith(
-        f"surefoot: --run: {tmp_path}/file/metrics.jsonl cannot be written (Not"
-    )
+    assert error.startswith(f"surefoot: --run: {tmp_path}/file is a file; name a folder")
     assert "--resume" not in error
+    assert surefoot("train", "dagger", "--run", tmp_path / "file" / "run") == 2
+    assert "metrics.jsonl cannot be written (Not" in capsys.readouterr().err
+
+
+def test_a_run_that_is_not_there_begins_and_that_is_said(surefoot, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr("surefoot.runs.run.create", lambda *_: pytest.skip("begun"))
+    folder = tmp_path / "mistyped"
+    with pytest.raises(pytest.skip.Exception, match="begun"):
+        surefoot("train", "dagger", "--run", folder, "--resume")
+    assert f"there is no run in {folder} to resume: it begins now" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", ["config.json", "curves.png"])

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import os
 import subprocess
 import sys
 from dataclasses import fields, replace
@@ -221,8 +222,11 @@ def test_policies_of_another_robot_order_or_layout_are_refused(tmp_path):
         load(path, layout="proprioceptive")
     with pytest.raises(FileNotFoundError, match="surefoot export POLICY"):
         load(tmp_path / "nothing.onnx")
-    with pytest.raises(ExportFileError, match="not a regular file"):
+    with pytest.raises(ExportFileError, match=r"is a folder.*surefoot export .* --onnx FILE"):
         load(tmp_path)
+    os.mkfifo(tmp_path / "pipe.onnx")
+    with pytest.raises(ExportFileError, match="not a regular file"):
+        load(tmp_path / "pipe.onnx")
 
 
 def test_files_of_other_programs_and_pipelines_are_refused(tmp_path):

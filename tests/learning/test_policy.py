@@ -632,6 +632,14 @@ def test_what_is_no_regular_file_is_refused(tmp_path):
         load(tmp_path)
 
 
+@pytest.mark.parametrize("name", ["config.json", "metrics.jsonl"])
+def test_a_file_of_a_run_that_is_no_policy_is_not_advised_to_be_deleted(tmp_path, name):
+    (tmp_path / name).write_text('{"stage": "collect"}\n' * 100)
+    with pytest.raises(PolicyFileError, match="is no policy file; name the folder") as error:
+        load(tmp_path / name)
+    assert "delete" not in str(error.value)
+
+
 def test_a_policy_does_not_change_with_its_file(tmp_path):
     path = tmp_path / "policy.safetensors"
     save(make_policy(), path)

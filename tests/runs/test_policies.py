@@ -168,7 +168,7 @@ def test_what_lies_in_no_run_is_prepared_once_and_a_run_as_it_is(
     config = prepared_for(path, config)
     assert len(fake_walks.asked) == asked
     assert starts_of(config).hash == by_hand.starts.hash
-    assert config.expert.command_gain == by_hand.command_gain
+    assert config.expert.command_gain == by_hand.made.command_gain
 
 
 def test_a_policy_of_a_gait_without_a_name_brings_its_timing(tmp_path):

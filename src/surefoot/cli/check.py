@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from surefoot.cli.outputs import Output, check_outputs
-from surefoot.files import file_hash, write_json
+from surefoot.files import sha256_of, write_json
 
 if TYPE_CHECKING:
     from surefoot.deploy.description import PolicyDescription
@@ -102,7 +102,7 @@ def torch_network(path: Path, description: PolicyDescription) -> Network:
     from surefoot.learning.policy import load
 
     policy = load(path, description.robot)
-    if file_hash(path) != description.policy_sha256:
+    if sha256_of(path) != description.policy_sha256:
         raise ValueError(
             f"--policy: {path} is not the policy that was exported, whose SHA-256 is "
             f"{description.policy_sha256}; name that file, or export this one"

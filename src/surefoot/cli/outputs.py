@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from surefoot.files import WriteError, check_output, is_stream
-from surefoot.runs.layout import run_that_owns
+from surefoot.runs.layout import METRICS_FILE, run_that_owns
 from surefoot.study.layout import study_that_owns
 
 if TYPE_CHECKING:
@@ -39,6 +39,17 @@ def check_option(option: str, path: Path | None, suffixes: tuple[str, ...] = ())
         check_output(path, suffixes=suffixes)
     except (WriteError, ValueError) as error:
         raise ValueError(f"{option}: {error}") from error
+
+
+def check_run_folder(folder: Path) -> None:
+    """Check that the folder which `--run` names could hold a run, before any work.
+
+    Raises:
+        ValueError: It is a file, or nothing could be written in it.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise ValueError(f"--run: {folder} is a file; name a folder")
+    check_option("--run", folder / METRICS_FILE)
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,12 +20,12 @@ from surefoot.cli.options import (
     OnWorkers,
     config_of_gait,
 )
-from surefoot.cli.outputs import Output, check_option, check_outputs
+from surefoot.cli.outputs import Output, check_outputs, check_run_folder
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
 from surefoot.config.presets import preset
 from surefoot.files import write_json
-from surefoot.runs.layout import ATTEMPTS_FILE, CURVES_FILE, METRICS_FILE, RunError
+from surefoot.runs.layout import ATTEMPTS_FILE, CONFIG_FILE, CURVES_FILE, RunError
 
 
 @dataclass(frozen=True)
@@ -84,13 +85,15 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
 
         workers = self.spread
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
-        check_option("--run", folder / METRICS_FILE)
+        check_run_folder(folder)
         check_outputs(self, [Output("--json", self.json)], new_run=folder)
         if (folder / ATTEMPTS_FILE).exists():
             raise RunError(
                 f"{folder} holds a run that learns on a robot; `surefoot learn` goes on with it"
             )
         check_folder(folder, self.resume)  # before initial states are prepared
+        if self.resume and not (folder / CONFIG_FILE).exists():
+            print(f"there is no run in {folder} to resume: it begins now", file=sys.stderr)
         config = self.with_commands(self.with_robot(self.simulated(self.config)))
         if self.device is not None:
             config = replace(config, training=replace(config.training, device=self.device))

@@ -72,6 +72,11 @@ def read_export(
         raise FileNotFoundError(
             f"there is no file {path}; `surefoot export POLICY --onnx` makes it"
         )
+    if path.is_dir():
+        raise ExportFileError(
+            f"{path} is a folder, and no exported file; of the policy of a run, "
+            f"`surefoot export {path} --onnx FILE` makes one"
+        )
     content = _content(path)
     metadata = _metadata(path, content)
     if KEY not in metadata:

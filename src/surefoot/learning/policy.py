@@ -47,6 +47,8 @@ from surefoot.learning.policy_header import (
 from surefoot.learning.tensor_file import is_intact, read_tensor_file, write_tensor_file
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray, State
 
+SUFFIX = ".safetensors"
+"""How the names of policy files end."""
 ROWS_AT_ONCE = 8192
 """Rows that a policy answers at a time: its hidden layers take 4 kB each, 4 GB for a million."""
 
@@ -336,6 +338,11 @@ def load(path: Path | str, robot: str | None = None, layout: str | None = None) 
     try:
         tensors, header = read_tensor_file(path)
     except ValueError as error:
+        if path.suffix != SUFFIX:  # a file of a run that no training makes again
+            raise PolicyFileError(
+                f"{path} is no policy file; name the folder of a run, or a file in its folder "
+                f"policies, which end in {SUFFIX}"
+            ) from error
         raise PolicyFileError(
             f"{path} is not a whole surefoot policy file ({error}); copy it again, or delete "
             "it in its run's folder: `surefoot train ... --resume` trains it again, bit for bit"

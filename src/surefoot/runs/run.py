@@ -145,8 +145,8 @@ class Run:
         best = self.best
         if best is None:
             raise RunError(
-                f"{self.folder} has no best policy: the run is not finished. Continue it with "
-                f"`surefoot train {self.method} --run {self.folder} --resume`"
+                f"{self.folder} has no best policy: the run is not finished. Continue it with the "
+                "command that began it and --resume"
             )
         return self.policy_path(best.best_iteration)
 

@@ -23,7 +23,7 @@ from surefoot.config.json_io import changes
 from surefoot.config.methods import IterativeConfig
 from surefoot.config.scenarios import acting
 from surefoot.config.study import EXPERT
-from surefoot.files import file_hash
+from surefoot.files import sha256_of
 from surefoot.methods import METHODS
 from surefoot.mpc.gaits import names_of
 from surefoot.robots.identity import description_hash
@@ -71,7 +71,7 @@ def rows_of(runs: Sequence[Run], names: Sequence[str], which: WhichPolicy) -> tu
     for run, label in zip(runs, labels_of(runs, names), strict=True):
         policy = run.best_policy_path if which == "best" else last_policy(run)
         find_policy(policy)  # one that cannot be used fails here, not hours later
-        digest = file_hash(policy)
+        digest = sha256_of(policy)
         for row in rows:
             if row.sha256 == digest:
                 raise ValueError(

@@ -17,7 +17,7 @@ import numpy as np
 from surefoot.config import Config
 from surefoot.config.single_gaits import each_gait
 from surefoot.evaluation.robustness import Robustness, evaluate
-from surefoot.files import file_hash
+from surefoot.files import sha256_of
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.rollouts.outcome import Outcome
@@ -45,7 +45,7 @@ class Walker:
     @property
     def sha256(self) -> str:
         """SHA-256 of the policy's file; empty for the expert."""
-        return "" if self.policy is None else file_hash(self.policy)
+        return "" if self.policy is None else sha256_of(self.policy)
 
 
 @dataclass(frozen=True)

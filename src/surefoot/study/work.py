@@ -23,7 +23,7 @@ from surefoot.config.study import EXPERT, Measurement, StudyConfig, measured_con
 from surefoot.evaluation.imitation import imitation_error
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.robustness import evaluate
-from surefoot.files import file_hash, write_atomic
+from surefoot.files import sha256_of, write_atomic
 from surefoot.methods import METHODS
 from surefoot.runs.first_stage import copy_first_stage
 from surefoot.runs.layout import KEPT_POLICY_FILE
@@ -248,7 +248,7 @@ class MeasuredPolicy:
     @property
     def sha256(self) -> str | None:
         """SHA-256 of its file; None for the expert."""
-        return None if self.path is None else file_hash(self.path)
+        return None if self.path is None else sha256_of(self.path)
 
 
 def _policies_of(

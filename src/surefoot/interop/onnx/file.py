@@ -30,7 +30,7 @@ from surefoot.deploy.description import (
     layout_terms,
 )
 from surefoot.deploy.kinematics import KinematicTable
-from surefoot.files import file_hash, write_atomic
+from surefoot.files import sha256_of, write_atomic
 from surefoot.learning.joint_limits import finite_or_none
 from surefoot.learning.onnx_graph import onnx_graph
 from surefoot.learning.policy import Policy
@@ -142,7 +142,7 @@ def describe(
         delay_ms=max(config.collection.delay, config.pretraining.delay),
         kinematics=kinematic_table(robot),
         provenance=to_json(policy.provenance),
-        policy_sha256=file_hash(policy_file),
+        policy_sha256=sha256_of(policy_file),
         bounds=policy.bounds,
     )
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from surefoot.config import Config
 from surefoot.config.json_io import changes, from_json, read_json
 from surefoot.config.presets import preset
-from surefoot.files import file_hash
+from surefoot.files import sha256_of
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.runs.episode_ids import EpisodeId
@@ -124,7 +124,7 @@ def run_card(folder: Path) -> RunCard:
         metrics=metrics,
         tests=tests,
         policy=policy,
-        policy_sha256="" if policy is None else file_hash(policy),
+        policy_sha256="" if policy is None else sha256_of(policy),
         failures=tuple(_failures(folder, metrics, is_field_run)),
         figures=_figures(run.method, is_field_run, stages(metrics)),
     )
