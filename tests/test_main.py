@@ -70,6 +70,27 @@ def test_only_the_first_interrupt_is_heard_while_the_command_ends(monkeypatch):
     assert ended == [130]
 
 
+LATE = """
+import os, signal, sys
+import surefoot.__main__ as entry
+import surefoot.cli.main as command_line
+command_line.main = lambda: 0
+settle = entry.leave_signals
+def late(status):
+    entry.leave_signals = settle
+    os.kill(os.getpid(), signal.SIGTERM)
+    signal.getsignal(signal.SIGTERM)  # where Python answers it
+    settle(status)
+entry.leave_signals = late
+sys.exit(entry.main())
+"""
+
+
+def test_an_interrupt_just_after_the_command_has_ended_changes_nothing():
+    run = subprocess.run([sys.executable, "-c", LATE], capture_output=True, text=True)
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
 TWICE = """
 import os, signal, sys, threading
 signal.signal(signal.SIGINT, signal.default_int_handler)

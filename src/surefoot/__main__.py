@@ -85,7 +85,10 @@ def main() -> int:
     except Exception as error:
         if interrupt_behind(error) is None:
             raise
-    leave_signals(status)
+    try:
+        leave_signals(status)
+    except KeyboardInterrupt:  # between the command's end and here: what it did stands
+        leave_signals(status)
     return status
 
 

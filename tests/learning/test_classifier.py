@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import pickle
+from functools import cache
 from itertools import pairwise
 from typing import Any
 
@@ -183,18 +184,23 @@ def test_too_few_rows_are_an_error():
 # --- files and processes
 
 
-CLASSIFIER = fit_classifier(*toy(1000), seed=0)
+@cache
+def fitted() -> Classifier:
+    """A classifier, which is fitted when a test first asks for it."""
+    return fit_classifier(*toy(1000), seed=0)
+
+
 ROWS = toy(50, seed=5)[0]
 
 
 def test_a_classifier_comes_back_from_its_file_to_the_bit(tmp_path):
     path = tmp_path / "gates" / "history-001.safetensors"
     path.parent.mkdir()
-    save_classifier(CLASSIFIER, path)
+    save_classifier(fitted(), path)
     again = load_classifier(path)
-    assert again.quality == CLASSIFIER.quality
-    assert len(again.layers) == len(CLASSIFIER.layers) == 3
-    assert again.probability(ROWS).tobytes() == CLASSIFIER.probability(ROWS).tobytes()
+    assert again.quality == fitted().quality
+    assert len(again.layers) == len(fitted().layers) == 3
+    assert again.probability(ROWS).tobytes() == fitted().probability(ROWS).tobytes()
     content = path.read_bytes()
     save_classifier(again, path)
     assert path.read_bytes() == content
@@ -202,7 +208,7 @@ def test_a_classifier_comes_back_from_its_file_to_the_bit(tmp_path):
 
 def test_any_changed_byte_is_refused(tmp_path):
     path = tmp_path / "history.safetensors"
-    save_classifier(CLASSIFIER, path)
+    save_classifier(fitted(), path)
     content = path.read_bytes()
     rng = np.random.default_rng(0)
     unharmed = 0
@@ -218,8 +224,8 @@ def test_any_changed_byte_is_refused(tmp_path):
             assert "--resume" in str(error)
         else:  # white space of the header
             unharmed += 1
-            assert again.probability(ROWS).tobytes() == CLASSIFIER.probability(ROWS).tobytes()
-            assert again.quality == CLASSIFIER.quality
+            assert again.probability(ROWS).tobytes() == fitted().probability(ROWS).tobytes()
+            assert again.quality == fitted().quality
     assert unharmed < 3
     for damaged in (content[:-1], content[: len(content) // 2], b"", b"{}"):
         path.write_bytes(damaged)
@@ -233,7 +239,7 @@ def test_any_changed_byte_is_refused(tmp_path):
 def test_the_header_and_the_hash_of_a_file(tmp_path):
     """Files that were written before must load, with the same hash."""
     path = tmp_path / "history.safetensors"
-    save_classifier(CLASSIFIER, path)
+    save_classifier(fitted(), path)
     with safe_open(path, framework="np") as file:
         header = json.loads(file.metadata()["surefoot"])
         arrays = [file.get_tensor(f"{kind}{n}") for n in range(3) for kind in ("weight", "bias")]
@@ -245,7 +251,7 @@ def test_the_header_and_the_hash_of_a_file(tmp_path):
     content = hashlib.sha256(json.dumps(header["figures"], sort_keys=True).encode())
     for array in arrays:
         content.update(array.tobytes())
-    assert header["sha256"] == content.hexdigest() == digest(CLASSIFIER)
+    assert header["sha256"] == content.hexdigest() == digest(fitted())
 
 
 def test_without_rows_held_out_the_file_says_only_what_it_was_trained_on(tmp_path):
@@ -264,14 +270,14 @@ def test_without_rows_held_out_the_file_says_only_what_it_was_trained_on(tmp_pat
 def test_a_file_of_another_version_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "history.safetensors"
     monkeypatch.setattr("surefoot.learning.classifier.FORMAT", FORMAT + 1)
-    save_classifier(CLASSIFIER, path)
+    save_classifier(fitted(), path)
     monkeypatch.undo()
     with pytest.raises(ValueError, match="of another version"):
         load_classifier(path)
 
 
 def test_a_classifier_is_pickled_without_its_session():
-    classifier = Classifier(CLASSIFIER.layers, CLASSIFIER.quality)
+    classifier = Classifier(fitted().layers, fitted().quality)
     before = pickle.dumps(classifier)
     expected = classifier.probability(ROWS)  # makes a session, which cannot be pickled
     assert pickle.dumps(classifier) == before
@@ -328,8 +334,8 @@ def test_a_pipe_is_refused(tmp_path):
 
 def test_a_classifier_does_not_change_with_its_file(tmp_path):
     path = tmp_path / "history.safetensors"
-    save_classifier(CLASSIFIER, path)
+    save_classifier(fitted(), path)
     classifier = load_classifier(path)
     with path.open("r+b") as stream:
         stream.truncate(0)
-    assert digest(classifier) == digest(CLASSIFIER)
+    assert digest(classifier) == digest(fitted())

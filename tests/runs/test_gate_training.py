@@ -18,13 +18,13 @@ from surefoot.config import (
 )
 from surefoot.config.array_io import load_arrays
 from surefoot.learning.classifier import digest, load_classifier
-from surefoot.learning.policy import load
 from surefoot.methods.loco_safe_dagger import collection, loco_safe_dagger
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.traces import Trace
 from surefoot.runs import gate_training
 from surefoot.runs.gate_training import GateSamples, make_gate, train_gates
+from surefoot.runs.policies import load_policy
 from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.sampling import rising_share
 from surefoot.safety.gates import AnyOf, Bounds, tightened
@@ -145,8 +145,8 @@ def test_a_policy_answers_a_part_of_the_data_at_a_time(run, tmp_path, monkeypatc
     written = []
     sizes = []
 
-    def load_counted(path, robot):
-        policy = load(path, robot)
+    def load_counted(run, i):
+        policy = load_policy(run, i)
         forward = policy.forward
 
         def counted(rows):
@@ -156,7 +156,7 @@ def test_a_policy_answers_a_part_of_the_data_at_a_time(run, tmp_path, monkeypatc
         policy.forward = counted
         return policy
 
-    monkeypatch.setattr(gate_training, "load", load_counted)
+    monkeypatch.setattr(gate_training, "load_policy", load_counted)
     for together in (1_000_000, 64):
         monkeypatch.setattr("surefoot.learning.policy.ROWS_AT_ONCE", together)
         folder = tmp_path / str(together)

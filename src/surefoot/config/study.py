@@ -290,6 +290,8 @@ def with_options(config: Config, options: Options, where: str) -> Config:
     Raises:
         ValueError: An option does not exist, or its value is out of range.
     """
+    if not options:
+        return config
     values = to_json(config)
     for name, value in options.items():
         *sections, last = name.split(".")
