@@ -11,6 +11,7 @@ from surefoot.evaluation.statistics import (
     RESAMPLES,
     PairedDifference,
     RunMeans,
+    Z,
     effective_rollouts,
     mean_interval,
     paired_difference,
@@ -318,3 +319,7 @@ def test_unpaired_difference_as_published(a, n_a, b, n_b, low, high):
     assert unpaired_difference(a, n_a, b, n_b) == pytest.approx((low, high), abs=5e-5)
     mirrored = unpaired_difference(b, n_b, a, n_a)
     assert mirrored == pytest.approx((-high, -low), abs=5e-5)
+
+
+def test_the_quantile_of_the_normal_distribution_is_that_of_scipy():
+    assert norm.ppf(0.975) == Z

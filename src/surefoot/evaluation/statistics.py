@@ -17,8 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm, sem
-from scipy.stats import t as student_t
 
 from surefoot.errors import shown
 
@@ -26,8 +24,9 @@ RESAMPLES = 2000
 """Number of draws of a bootstrap."""
 SEED = 0
 """Seed of all draws."""
-Z = float(norm.ppf(0.975))
-"""Standard deviations of a normal distribution on either side that hold its middle 95 %."""
+Z = 1.959963984540054
+"""Standard deviations of a normal distribution on either side that hold its middle 95 %. It is
+`scipy.stats.norm.ppf(0.975)`, which takes most of a second to load."""
 
 Interval = tuple[float, float]
 """Lower and upper end of a 95 % interval, in the unit of its estimate."""
@@ -294,6 +293,9 @@ def mean_interval(values: ArrayLike) -> Interval | None:
         mean +- t sd / sqrt(R), with the 97.5 % quantile t of R - 1 degrees of freedom; None for a
         single value, and where all are equal, because then nothing shows the spread.
     """
+    from scipy.stats import sem
+    from scipy.stats import t as student_t
+
     values = np.asarray(values, float)
     if len(values) < 2 or np.ptp(values) == 0.0:
         return None

@@ -15,7 +15,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RectBivariateSpline
 
 from surefoot.config.sim import Terrain, TerrainKind
 from surefoot.rotations import from_heading, to_heading
@@ -90,6 +89,8 @@ def _indices(axis: Array, width: float) -> IntArray:
 
 def _bumps(axis: Array, rng: np.random.Generator) -> Array:
     """Random heights on a coarse grid, and a smooth surface through them."""
+    from scipy.interpolate import RectBivariateSpline
+
     knots = np.linspace(-HALF_WIDTH, HALF_WIDTH, round(2 * HALF_WIDTH / BUMP) + 1)
     heights = rng.random((len(knots), len(knots)))
     smooth = RectBivariateSpline(knots, knots, heights)(axis, axis)
