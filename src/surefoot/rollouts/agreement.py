@@ -1,4 +1,4 @@
-"""Whether the parts of a rollout belong together, checked before its first tick.
+"""Checks that the parts of a rollout fit together, before its first tick.
 
 Read `engine` next, which runs them.
 """
@@ -18,7 +18,7 @@ from surefoot.types import Controller
 
 
 def known_gaits(expert: Controller) -> tuple[Gait, ...]:
-    """The gaits that an expert walks, by their numbers; none if nobody knows."""
+    """The gaits that an expert walks, in the order of their numbers; empty if unknown."""
     return expert.gaits if isinstance(expert, OfKnownGaits) else ()
 
 
@@ -34,9 +34,9 @@ def check_agreement(
         policy: The policy, if there is one.
 
     Raises:
-        ValueError: There is another number of robots than of episodes, the policy is one of another
-            robot, simulator and episodes are on different ground, a robot begins inside its ground,
-            or robots are to walk a gait that the expert does not know.
+        ValueError: The numbers of robots and episodes differ, the policy is for another robot,
+            simulator and episodes are on different ground, a robot begins inside its ground, or
+            robots are to walk a gait that the expert does not know.
     """
     B = len(episodes)
     if simulator.batch != B:
@@ -72,7 +72,7 @@ def _check_ground(simulator: Simulator, episodes: Episodes, robot: RobotModel) -
             raise ValueError(
                 "the ground of the simulator is not that of the episodes; give the same to both"
             )
-    # Robots that go on from an episode were where they are.
+    # Robots that continue an episode were simulated in this place before.
     if ground is not None and ground.touching is None:
         check_outside(ground, robot, episodes.starts.q, episodes.ids)
 
@@ -87,7 +87,7 @@ def _lie_alike(one: Ground, other: Ground) -> bool:
 
 
 def _check_gaits(episodes: Episodes, known: int) -> None:
-    """Check that robots are only to walk gaits that the expert knows."""
+    """Check that robots are to walk only gaits that the expert knows."""
     switches = episodes.switches
     highest = int(episodes.starts.gait.max(initial=0))
     if switches is not None:

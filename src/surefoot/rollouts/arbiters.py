@@ -1,6 +1,6 @@
 """Arbiters: who drives each robot, the expert or the policy, decided anew at every tick.
 
-`ExpertOnly` collects data to clone, `PolicyOnly` evaluates, `RandomMix` throws DAGGER's coin, and
+`ExpertOnly` collects data to clone, `PolicyOnly` evaluates, `RandomMix` flips DAGGER's coin, and
 `SafetySwitch` lets the expert rescue. Read `engine` next, which asks them.
 """
 
@@ -30,8 +30,8 @@ class Arbiter(Protocol):
         """``(B,)`` True where the expert drives during this tick; called once a tick.
 
         Args:
-            state: The states of B robots: without noise in a training, or else as they measure
-                them.
+            state: The states of B robots: without noise in training, and otherwise as the robots
+                measure them.
             tick: ``(B,)`` gait clock [ms], which advances from call to call.
             command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         """
@@ -65,12 +65,12 @@ class RandomMix:
 
     Args:
         probability: Probability that the expert drives: beta_i, or alpha^(i-1).
-        every: Number of ticks of the gait clock between throws; the coin is also thrown in the
+        every: Number of ticks of the gait clock between flips; the coin is also flipped in the
             first tick of an episode.
-        seed: Root of the randomness; each episode throws its own coin.
+        seed: Root of the randomness; each episode flips its own coin.
 
     Raises:
-        ValueError: The probability is not in 0 to 1, or there is no tick between throws.
+        ValueError: The probability is not in 0 to 1, or there is no tick between flips.
     """
 
     def __init__(self, probability: float, every: int, seed: int) -> None:
@@ -91,7 +91,7 @@ class RandomMix:
         self._expert: BoolArray | None = None
 
     def choose(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """``(B,)`` True where the last throw chose the expert."""
+        """``(B,)`` True where the last flip chose the expert."""
         if self._expert is None:
             thrown = np.ones(len(tick), dtype=bool)
             self._expert = np.zeros(len(tick), dtype=bool)
@@ -105,7 +105,7 @@ class RandomMix:
 
 
 class SafetySwitch:
-    """The policy drives; the expert does while the monitor blocks (Algorithms 2 and 4).
+    """The policy drives unless the monitor blocks it; then the expert does (Algorithms 2 and 4).
 
     Args:
         monitor: A gate with blocking.

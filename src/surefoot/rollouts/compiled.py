@@ -1,12 +1,12 @@
-"""What the engine computes in every tick around simulator and network, compiled.
+"""Compiled code for what the engine computes in every tick around simulator and network.
 
-Between two runs of a network, whose weights fill the cache of a core, each of numpy's operations on
-a small array costs 5 us instead of 1. These functions make the same operations in the same order
-in one call: `driver` around a trained policy's network, `clip_torque` for every torque. The numpy
-forms are the reference, which training uses: `learning.observation.network_input`,
-`learning.memory.Memory`, `learning.policy.pd`, `robots.model.clip_torque`. The results are the same
-to the bit, on a processor that fuses multiplications and additions as numpy does. Read `engine`
-next.
+A network's weights fill the cache of a core, so between two runs of a network each numpy operation
+on a small array costs 5 us instead of 1. These functions do the same operations in the same order
+in one call: `driver` those around a trained policy's network, `clip_torque` the clipping of every
+torque. The numpy versions, which training uses, are the reference:
+`learning.observation.network_input`, `learning.memory.Memory`, `learning.policy.pd`,
+`robots.model.clip_torque`. The results are the same to the bit on a processor that fuses
+multiplications and additions as numpy does. Read `engine` next.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from surefoot.types import Array, BoolArray, Controller, IntArray, State
 
 
 def driver(policy: Controller) -> Controller:
-    """Return what drives as a controller does: a trained policy compiled, any other as it is."""
+    """Return a compiled controller for a trained policy, and any other controller unchanged."""
     if type(policy) is not Policy:
         return policy
     spec = policy.spec.observation
@@ -42,7 +42,7 @@ def driver(policy: Controller) -> Controller:
 
 
 class CompiledPolicy:
-    """A trained policy of the layout `full` and one gait, whose observation and PD are compiled.
+    """A trained policy with the layout `full` and one gait, with compiled observation and PD.
 
     See `learning.policy.Policy`.
 
@@ -76,7 +76,7 @@ class CompiledPolicy:
 
 
 class CompiledLayout:
-    """A trained policy of any other layout, which may remember; see `learning.policy.Policy`.
+    """A trained policy with any other layout, maybe with a history; see `learning.policy.Policy`.
 
     Args:
         policy: The policy.
@@ -86,7 +86,7 @@ class CompiledLayout:
         spec = policy.spec.observation
         self._policy = policy
         self._columns = columns_of(spec.layout.parts)
-        # A radius below 0 stands for a height that is absolute.
+        # A negative radius stands for an absolute height.
         self._radius = spec.foot_radius if spec.height == "above_feet" else -1.0
         history = spec.layout.history
         self._history = history
@@ -155,7 +155,7 @@ class CompiledLayout:
 
 
 def _build_multiply_add(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
-    """Return the type of a * b + c, rounded once, and what writes its machine instruction."""
+    """Return the type of a * b + c, rounded once, and a function that writes its instruction."""
 
     def build(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.fma(*args)
@@ -169,7 +169,7 @@ _multiply_add: Any = intrinsic(_build_multiply_add)
 
 @njit(cache=True, error_model="numpy")
 def heading(x: float, y: float) -> tuple[float, float]:
-    """Return the heading of a base whose x axis has these horizontal parts; yaw 0 without any."""
+    """Return the heading of a base whose x axis has these horizontal parts; yaw 0 if both are 0."""
     length = np.hypot(x, y)
     if length <= 1e-9:
         return 1.0, 0.0
@@ -212,7 +212,7 @@ def _fill_parts(
     columns: IntArray,
     out: Float32Array,
 ) -> None:
-    """Fill the beginnings of B rows with the parts that lie in some columns of a whole row."""
+    """Fill the beginnings of B rows with the given columns of a whole observation."""
     row = np.empty(OBSERVATION_SIZE, np.float32)
     for robot in range(len(q)):
         _fill_row(q[robot], v[robot], com[robot], feet[robot], row)
@@ -248,16 +248,17 @@ def _fill_samples(
     columns: IntArray,
     out: Float32Array,
 ) -> None:
-    """Fill rows ``(r, B, size)`` of the memory, all alike, as `memory.samples_of` does.
+    """Fill rows ``(r, B, size)`` of the memory with one sample, as `memory.samples_of` makes it.
 
     Args:
         q: ``(B, 19)`` configurations.
         v: ``(B, 18)`` velocities.
         com: ``(B, 3)`` center of mass [m].
         feet: ``(B, 4, 3)`` foot positions [m].
-        values: ``(B, 12)`` torques [N m], NaN for the joint angles as targets; without gains,
-            joint targets [rad].
-        gains: kp and kd of the PD, with which torques become targets; zeros without.
+        values: ``(B, 12)`` torques [N m], where NaN makes the joint angle the target; joint targets
+            [rad] if the gains are zero.
+        gains: kp and kd of the PD, which turn torques into targets; zeros if the values are
+            targets.
         columns: Where the parts of a sample lie in a whole row.
         out: The rows to fill.
     """
@@ -281,7 +282,7 @@ def _fill_samples(
 
 @njit(cache=True)
 def _fill_history(ring: Float32Array, rows: IntArray, start: int, out: Float32Array) -> None:
-    """Write the samples in some rows of the memory into the inputs, from a column on."""
+    """Write the samples in the given rows of the memory into the inputs, starting at a column."""
     size = ring.shape[2]
     for number in range(len(rows)):
         sample = ring[rows[number]]
@@ -340,7 +341,7 @@ def clip_torque(torque: Array, limit: Array) -> Array:
     """Clip joint torques ``(B, 12)`` [N m] to the motor limits, in a new array.
 
     Args:
-        torque: ``(B, 12)`` joint torques [N m]; what is not a number becomes zero.
+        torque: ``(B, 12)`` joint torques [N m]; NaN becomes zero.
         limit: ``(12,)`` torque limits [N m].
     """
     clipped = np.empty(torque.shape)

@@ -1,8 +1,8 @@
-"""The engine: B robots in lockstep, an arbiter that says who drives, and what happened to them.
+"""The engine runs B robots in lockstep, asks an arbiter who drives, and records what happens.
 
-It knows protocols only: any simulator, any controller as expert or policy, any arbiter. Which
-frames of a rollout are kept is the method's decision, taken afterwards (`Rollout.frames`). Read
-`episodes` for what goes in and comes out, `arbiters` for who drives, `outcome` for how an episode
+It depends on protocols only, so it takes any simulator, any controller as expert or policy, and any
+arbiter. The method decides afterward which frames of a rollout to keep (`Rollout.frames`). Read
+`episodes` for the input and the output, `arbiters` for who drives, `outcome` for how an episode
 ends, and `jobs` for many episodes.
 """
 
@@ -65,8 +65,8 @@ def rollout(
 ) -> Rollout:
     """Run one episode of every robot; a failure ends the episode of that robot only.
 
-    A policy sees what its robot measures, noise included; expert and arbiter see the states without
-    noise, if `Disturbance.privileged` says so.
+    A policy sees what its robot measures, noise included. The expert and the arbiter see the states
+    without noise if `Disturbance.privileged` is True.
 
     Args:
         simulator: Simulator of as many robots as there are episodes.
@@ -74,8 +74,9 @@ def rollout(
         arbiter: Decides at every tick who drives.
         expert: Drives where the arbiter says so, and during the tail.
         policy: Drives elsewhere; None if the arbiter never asks for one.
-        safety: The bounds beyond which a robot has fallen, with the robot's own for None. Without
-            any they are all its own. Stepping is judged later where the expert's gait is slow.
+        safety: The bounds beyond which a robot has fallen. A field that is None stands for the
+            robot's own bound, and None for all of its own bounds. If the expert's gait is slow,
+            only longer episodes are judged for stepping.
         ask_always: Ask the expert at every tick for the torque that it would apply there, even
             where the policy drives (DAGGER). It then plans on its grid, and a takeover continues
             its current plan.
@@ -87,8 +88,8 @@ def rollout(
     Raises:
         ValueError: The parts do not fit together (`agreement.check_agreement`), torques are not
             ``(B, 12)``, flags are not boolean arrays ``(B,)``, the arbiter asks for a policy and
-            there is none, or robots are to walk another gait than the first one, and a controller
-            takes none.
+            there is none, or robots are to walk a gait other than the first one and a controller
+            cannot be told so.
     """
     disturbance = episodes.disturbance or Disturbance()
     starts = episodes.starts
@@ -114,13 +115,13 @@ def rollout(
     arbiter.reset(episodes.ids)
 
     measure = make_sensors(robot, disturbance)
-    # The height of the ground that robots feel; what they felt last holds through a flight.
+    # The height of the ground that robots feel; during a flight it stays what they felt last.
     felt_ground = None if episodes.ground is None else episodes.ground.felt
     apart = felt_ground is not None or measure is not None
     recorder = _Recorder(total, B, apart, ask_always, uneven=felt_ground is not None)
     controllers = _Controllers(expert, policy, starts.command, robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
-    # For how many ticks without a break something other than a foot has touched the ground.
+    # The number of consecutive ticks in which something other than a foot touched the ground.
     lying = np.zeros(B, dtype=np.int64) if safety.body_contact > 0.0 else None
     # The torque applied is the one commanded `delay` ticks ago.
     line = deque[Array](maxlen=disturbance.delay + 1)
@@ -186,12 +187,12 @@ def rollout(
 def _own_safety(
     safety: SafetyConfig | None, robot: RobotModel, gaits: Sequence[Gait]
 ) -> SafetyConfig:
-    """The bounds, with the robot's own in place of None; stepping is judged by the gaits.
+    """The bounds with the robot's own in place of None, and with `stepping_from` set by the gaits.
 
     Args:
-        safety: The bounds that were given, if any were.
+        safety: The given bounds, if any.
         robot: The robot.
-        gaits: The gaits that the expert walks; none if nobody knows.
+        gaits: The gaits that the expert walks; empty if unknown.
     """
     height = min(own_height(gait, robot) for gait in gaits or (Gait(),))
     own = own_safety(safety or SafetyConfig(), height, robot)
@@ -204,16 +205,17 @@ class _Recorder:
     """What happens in a rollout, as arrays ``(ticks, B, ...)``, and which robots are still active.
 
     Attributes:
-        truth: The states as they are.
-        seen: The states as the robots measure them; the same object without noise on level ground.
+        truth: The true states.
+        seen: The states as the robots measure them; the same object as ``truth`` if there is no
+            noise and the ground is level.
         drove: ``(ticks, B)`` True where the expert drove.
         asked: ``(ticks, B)`` True where the expert was asked and had not given up on the robot.
         torque: ``(ticks, B, 12)`` torque commanded by the driver [N m].
         expert_torque: ``(ticks, B, 12)`` torque of the expert [N m]; the same array as ``torque``
-            if it is asked only where it drives.
+            if the expert is asked only where it drives.
         body_contact: ``(ticks, B)`` True where something other than a foot touched the ground.
-        felt_ground: ``(ticks, B)`` the height of the ground as robots felt it, without noise [m];
-            None on level ground.
+        felt_ground: ``(ticks, B)`` the height of the ground as the robots felt it, without noise
+            [m]; None on level ground.
         active: ``(B,)`` True for robots whose episode has not ended.
         length: ``(B,)`` number of ticks simulated.
         outcome: ``(B,)`` values of `Outcome`.
@@ -249,7 +251,7 @@ class _Recorder:
         Args:
             T: The number of ticks.
             foot_radius: Radius of the foot spheres [m].
-            steps: ``(B,)`` True for robots that are to step.
+            steps: ``(B,)`` True for robots that have to step.
         """
         feet = _by_robot(self.truth.feet[:T])
         height = feet[..., 2]
@@ -288,7 +290,7 @@ class _Recorder:
 
 
 class _Controllers:
-    """The expert and the policy: between them they give the torque of every tick."""
+    """The expert and the policy, which together give the torque of every tick."""
 
     def __init__(
         self,
@@ -322,8 +324,8 @@ class _Controllers:
             tick: ``(B,)`` gait clock [ms].
             choice: ``(B,)`` True where the expert drives.
             elapsed: Number of the tick in the rollout.
-            recorder: Holds what happened so far. Where the expert gives up on a robot that it
-                drives, the episode ends.
+            recorder: The record so far. If the expert gives up on a robot that it drives, that
+                episode ends.
         """
         torque = self._no_torque
         by_policy = ~choice & recorder.active
@@ -349,7 +351,7 @@ class _Controllers:
         return torque
 
     def _checked(self, who: str, answer: Array) -> Array:
-        """The torques ``(B, 12)`` that a controller gave; other shapes would be broadcast."""
+        """Check that a controller gave torques ``(B, 12)``; numpy would broadcast other shapes."""
         torque = np.asarray(answer)
         expected = self._no_torque.shape
         if torque.shape != expected:
@@ -360,7 +362,7 @@ class _Controllers:
 
 
 def _before_the_first(episodes: Episodes, delay: int, first: Array) -> list[Array]:
-    """The torques ``(B, 12)`` that act before the first one that is commanded, in their order."""
+    """The torques ``(B, 12)`` that act before the first one commanded in the episodes, in order."""
     if episodes.late is None:
         return [first] * delay
     torques = np.swapaxes(episodes.late, 0, 1)

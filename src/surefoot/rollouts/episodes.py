@@ -1,8 +1,8 @@
-"""What goes into a rollout and what comes out: `Episodes` to run, and the `Rollout` of them.
+"""The input of a rollout, which is `Episodes` to run, and its output, a `Rollout`.
 
 A rollout holds everything that was measured, commanded and decided, tick by tick;
-`Rollout.recording` says which of it a method keeps to learn from. Read `engine` next, which turns
-one into the other.
+`Rollout.recording` selects what a method keeps to learn from. Read `engine` next, which turns
+episodes into a rollout.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from surefoot.sim.terrain import Ground, join_grounds
 from surefoot.types import Array, BoolArray, IntArray, State, lowered, to_ticks
 
 Part = TypeVar("Part")
-"""A field of the parts that are joined."""
+"""The type of a field of the parts that are joined."""
 
 
 @dataclass(frozen=True)
@@ -40,20 +40,20 @@ class Episodes:
         tail: The time after T during which the expert drives robots that have not fallen [s].
         id: ``(B,)`` ids, which fix everything random; None numbers the episodes from 0.
         disturbance: What disturbs the B robots; None leaves them undisturbed.
-        late: ``(B, delay, 12)`` the torques under way when the episodes begin, the next to act
-            first [N m]; NaN where there is none, and the first torque of the episode acts instead.
-            None has none at all. `Rollout.branch` makes them.
-        ground: The ground of the B robots, on which heights are those above the loaded feet; None
-            is level ground at z = 0, from which they are measured.
-        switches: When robots change their gait, and to which one; None keeps that of each initial
-            state.
-        past: What the robots went through before, which a policy with a history remembers; None is
-            nothing. `Rollout.branch` makes it.
+        late: ``(B, delay, 12)`` the torques that are still delayed when the episodes begin, in the
+            order in which they act [N m]; where one is NaN, the first torque of the episode acts
+            instead. None if there are none at all. `Rollout.branch` fills this in.
+        ground: The ground of the B robots, where heights are measured from the loaded feet; None is
+            level ground, where they are measured from z = 0.
+        switches: When robots change their gait, and to which one; None keeps the gait of each
+            initial state.
+        past: What happened to the robots before, which a policy with a history remembers; None if
+            nothing did. `Rollout.branch` fills this in.
 
     Raises:
-        ValueError: There is nothing to simulate, no robot can begin in an initial state
-            (`check_starts`), or the number of ids, of disturbed robots, of late torques, of
-            grounds, of switching robots or of robots with a past is not that of the initial states.
+        ValueError: There is nothing to simulate, no robot can begin in one of the initial states
+            (`check_starts`), or the ids, disturbance, late torques, ground, switches or past are
+            for another number of robots than there are initial states.
     """
 
     starts: Starts
@@ -67,7 +67,7 @@ class Episodes:
     past: Past | None = None
 
     def __post_init__(self) -> None:
-        """Check that the episodes can be simulated, and bring whole numbers to one type."""
+        """Check that the episodes can be simulated, and convert whole numbers to one type."""
         check_starts(self.starts)
         object.__setattr__(self, "starts", with_whole_numbers(self.starts))
         B = len(self.starts)
@@ -119,7 +119,7 @@ class Episodes:
 
     @property
     def several_gaits(self) -> bool:
-        """Whether a robot is to walk another gait than the first one at any time."""
+        """Whether any robot is to walk a gait other than the first one at any time."""
         switched = self.switches is not None and self.switches.gait.any()
         return bool(switched or self.starts.gait.any())
 
@@ -130,12 +130,12 @@ class Episodes:
         return self.switches.at(self.starts.gait, elapsed)
 
     def gaits_until(self, T: int) -> IntArray:
-        """``(B, T)`` the same for the first T ticks."""
+        """``(B, T)`` the number of the gait that each robot is to walk in the first T ticks."""
         return gait_table(self.starts.gait, self.switches, T)
 
 
 def join_episodes(parts: Sequence[Episodes]) -> Episodes:
-    """The episodes of at least one part, one part after another, all of the same length.
+    """The episodes of one or more parts of the same duration, one part after another.
 
     Args:
         parts: The parts, with disturbances that are drawn from one configuration.
@@ -161,7 +161,7 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
 
 
 def _of_all(values: Sequence[Part | None], what: str) -> list[Part]:
-    """The values of all parts, or none.
+    """The values of all parts, or an empty list if no part has one.
 
     Raises:
         ValueError: Some parts have one, and others do not.
@@ -182,26 +182,26 @@ class Rollout:
         com: ``(B, T, 3)`` center of mass [m].
         feet: ``(B, T, 4, 3)`` foot positions [m].
         contacts: ``(B, T, 4)`` foot contacts.
-        seen: The states ``(B, T, ...)`` as the robots measured them, on a ground of their own with
-            heights above it; the same arrays without noise on level ground.
+        seen: The states ``(B, T, ...)`` as the robots measured them, with heights above their
+            ground if they have one; the same arrays if there is no noise and the ground is level.
         torque: ``(B, T, 12)`` torque commanded by the driver [N m], clipped to the motor limit.
         expert_torque: ``(B, T, 12)`` torque of the expert where it was asked [N m]; the same array
-            as ``torque`` if it was asked only where it drove.
+            as ``torque`` if the expert was asked only where it drove.
         expert_drove: ``(B, T)`` True where the expert drove.
         expert_asked: ``(B, T)`` True where the expert was asked and had not given up on the robot.
         body_contact: ``(B, T)`` True where something other than a foot touched the ground.
         starts: The B initial states.
         length: ``(B,)`` number of ticks simulated.
         outcome: ``(B,)`` values of `Outcome`.
-        duration: Number of ticks of the episode proper; of the T ticks, the others are the tail.
+        duration: Number of ticks of the episode proper; the rest of the T ticks are the tail.
         disturbance: What disturbed the robots.
-        late: ``(B, delay, 12)`` the torques that were under way at the beginning, as `Episodes` has
-            them; None without any.
+        late: ``(B, delay, 12)`` the torques that were still delayed at the beginning, as in
+            `Episodes`; None if there were none.
         ground: The ground of the robots; None is level ground at z = 0.
         switches: When the robots changed their gait; None if none did.
         felt_ground: ``(B, T)`` the height of the ground as the robots' feet felt it, without noise,
             world frame [m]; None on level ground.
-        past: What the robots went through before; None is nothing.
+        past: What happened to the robots before; None if nothing did.
     """
 
     q: Array
@@ -235,7 +235,7 @@ class Rollout:
     def felt(self) -> State:
         """The states ``(B, T, ...)`` without noise, with heights above the ground of the robots.
 
-        It is what expert and arbiter saw, if they were privileged.
+        The expert and the arbiter saw these states if they were privileged.
         """
         truth = State(self.q, self.v, self.com, self.feet, self.contacts)
         return truth if self.felt_ground is None else lowered(truth, self.felt_ground)
@@ -251,24 +251,23 @@ class Rollout:
         return np.arange(self.q.shape[1]) < self.length[:, None]
 
     def branch(self, robot: IntArray, elapsed: IntArray, duration: float, id: IntArray) -> Episodes:
-        """Episodes that go on from states of this rollout, with all that belongs to them.
+        """Episodes that continue from states of this rollout, under the same conditions.
 
-        Each robot keeps its friction, its mass, the torques that are under way, the noise from that
-        tick on, and the pushes and the changes of its gait that are to come: driven by the same
-        torques, it moves as it did here, to the rounding of the simulator's reset (1e-13 after 150
-        ticks of a steady trot, 1e-6 where feet slip). A policy remembers what came before, whoever
-        drove. Experts and arbiters begin anew, and so does the time for which a body has touched
-        the ground; an expert goes on as it did if it planned at this tick, which it does on its
-        grid.
+        Each robot keeps its friction, its mass, its delayed torques, its noise from that tick on,
+        and the pushes and gait changes that are still to come. Driven by the same torques, it moves
+        as it did here, up to the rounding of the simulator's reset (1e-13 after 150 ticks of a
+        steady trot, 1e-6 where feet slip). A policy remembers what came before, whoever drove.
+        Experts and arbiters start afresh, and so does the time for which a body has touched the
+        ground. An expert continues as before if it planned at this tick, as it does on its grid.
 
         Args:
             robot: ``(n,)`` rows of the robots; a row may come several times.
-            elapsed: ``(n,)`` the tick of the rollout at which each of them goes on [ms].
+            elapsed: ``(n,)`` the tick of the rollout from which each robot continues [ms].
             duration: The time that the episodes last [s].
             id: ``(n,)`` ids of the episodes.
 
         Raises:
-            ValueError: A robot's episode was over at its tick.
+            ValueError: The episode of a robot had ended by its tick.
         """
         over = elapsed >= self.length[robot]
         if over.any():
@@ -298,10 +297,10 @@ class Rollout:
         )
 
     def _past_of(self, robot: IntArray, elapsed: IntArray) -> Past:
-        """What robots had gone through before a tick of this rollout, and before the rollout."""
+        """The past of robots at a tick of this rollout, including what came before the rollout."""
         tick = elapsed[:, None] + np.arange(-LONGEST_HISTORY, 0)
         here = tick >= 0
-        # The first tick stands for those before the rollout, if it was the beginning.
+        # If nothing came before the rollout, its first tick stands for the ticks before it.
         at = (robot[:, None], np.maximum(tick, 0))
         past = Past(
             elapsed=elapsed,
@@ -315,7 +314,7 @@ class Rollout:
         return past.after(self.past[robot])
 
     def _ground_from(self, robot: IntArray, elapsed: IntArray) -> Ground | None:
-        """The ground of robots that go on from a tick, with what their feet felt of it there."""
+        """The ground of robots that continue from a tick, with what their feet felt there."""
         if self.ground is None:
             return None
         if self.felt_ground is None:
@@ -324,14 +323,14 @@ class Rollout:
         return replace(self.ground[robot], felt=felt, touching=self.contacts[robot, elapsed])
 
     def _under_way(self, robot: IntArray, elapsed: IntArray) -> Array | None:
-        """``(n, delay, 12)`` torques commanded to robots before a tick that have not acted yet."""
+        """``(n, delay, 12)`` torques that were commanded before a tick and have not acted yet."""
         delay = self.disturbance.delay
         if delay == 0:
             return None
         before = np.full((len(self.length), delay, 12), np.nan) if self.late is None else self.late
         line = np.empty((len(robot), delay, 12))
         for row, (b, tick) in enumerate(zip(robot.tolist(), elapsed.tolist(), strict=True)):
-            # Where nothing was under way at the beginning, the first torque takes its place.
+            # Where no torque was delayed at the beginning, the first torque acts in its place.
             first = self.torque[b, 0] if tick > 0 else np.nan
             began_with = np.where(np.isnan(before[b]), first, before[b])
             commanded = self.torque[b, max(tick - delay, 0) : tick]
@@ -345,8 +344,8 @@ class Rollout:
     def recording(self, keep: BoolArray, episode: IntArray) -> Frames:
         """The frames to keep and the ticks that policies remember there, episode by episode.
 
-        Those are the ticks of `LONGEST_HISTORY` before each frame that is kept, whoever drove, and
-        where episodes go on from others, those of the others.
+        Policies remember the ticks of `LONGEST_HISTORY` before each kept frame, whoever drove. In
+        episodes that continue from others, these include ticks of the others.
 
         Args:
             keep: ``(B, T)`` True for the frames to keep; ticks that did not happen are left out.

@@ -1,9 +1,10 @@
-"""Many episodes: cut into chunks, spread over processes, summarized.
+"""Runs many episodes: cuts them into chunks, spreads these over processes, and summarizes them.
 
-A job is all that fixes its episodes: configuration, initial states, ids, arbiter, policy file. A
-chunk is simulated in lockstep by one process (`run_chunk`), which returns a `Summary`, the frames
-that the method keeps, and a `Trace` where one is asked for. Methods and evaluation are written on
-`run_episodes`, `chunks_of` and `play_out`. Read `engine` next for what one rollout does.
+A job is everything that determines its episodes: configuration, initial states, ids, arbiter,
+policy file. A chunk is simulated in lockstep by one process (`run_chunk`), which returns a
+`Summary`, the frames that the method keeps, and a `Trace` if the job asks for one. Methods and
+evaluation build on `run_episodes`, `chunks_of` and `play_out`. Read `engine` next for what one
+rollout does.
 """
 
 from __future__ import annotations
@@ -38,27 +39,27 @@ from surefoot.types import BoolArray, IntArray, PlanFunction
 from surefoot.workers import Workers, map_chunks
 
 PLANNER = "surefoot.mpc.planner"
-"""Name of the package's own expert. Summaries of runs hold it, so it stays the same even if the
+"""Name of the package's own expert. Summaries of runs contain it, so it stays the same even if the
 module is renamed."""
 Keep = Callable[[Rollout], BoolArray]
 """The rule of a method for its dataset: ``(B, T)`` True for the frames of a rollout to keep. It may
-be asked about any part of a job, so it decides on each episode by that episode alone."""
+be asked about any part of a job, so it must judge each episode by that episode alone."""
 FollowUp = Callable[["Job", Rollout], "Job | None"]
-"""The rule for episodes that follow from a chunk: from its job and its rollout, the job of further
-episodes, or None if none follow. They run in the same process right after the chunk, and their
-summary and frames are appended to the chunk's. It decides on each episode by that episode alone."""
+"""The rule for episodes that follow from a chunk: given the chunk's job and rollout, it returns the
+job of further episodes, or None. These run in the same process right after the chunk, and their
+summary and frames are appended to the chunk's. It must judge each episode by that episode alone."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """Episodes to run, all that fixes them, and what to return of them.
+    """Episodes to run, everything that determines them, and what to return.
 
     Attributes:
         config: The configuration: robot, simulator, expert, fall bounds, root seed, chunk size.
         episodes: Where the episodes begin, how long they last, and their ids. Their disturbance, if
             there is one, takes the place of the drawn one.
         arbiter: Decides at every tick who drives.
-        policy: The policy or its file, where the arbiter needs one.
+        policy: The policy or its file, if the arbiter needs one.
         plan: The expert's MPC: a function, or any other object that can be called like one. None
             is the BiConMP-style planner.
         disturbance: What disturbs the robots, drawn from the root seed and the ids, and how far the
@@ -66,10 +67,10 @@ class Job:
         ask_always: Whether the expert is asked at every tick, see `rollout`.
         query: Whether these are the expert's rollouts from states of other episodes (LocoDAGGER).
         keep: The rule that says which frames to return; None returns none.
-        then: The rule for episodes that follow from a chunk's rollout; None lets none follow.
+        then: The rule for episodes that follow from a chunk's rollout; None if none follow.
         trace: Whether to return what a history gate learns from.
-        privileged: Whether expert and arbiter see the states without the noise that is drawn; an
-            evaluation says False, since the expert may be what it judges.
+        privileged: Whether the expert and the arbiter see the states without the drawn noise; False
+            in an evaluation, which may be judging the expert.
     """
 
     config: Config
@@ -145,9 +146,9 @@ def run_episodes(job: Job, workers: Workers, title: str) -> Summary:
 
 
 def chunks_of(job: Job) -> list[Job]:
-    """The job, cut into what is simulated together; the cuts depend on nothing but the job.
+    """The job cut into chunks that are simulated together; the cuts depend on the job alone.
 
-    The policy comes with every chunk, for workers that cannot see its file.
+    Every chunk carries the policy itself, for workers that cannot see its file.
     """
     job = replace(job, policy=_policy_of(job))
     size = job.config.chunk
@@ -226,8 +227,8 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
         progress: Called with the number of ticks done since its last call.
 
     Returns:
-        What happened, and the expert that took part, made for this rollout alone: its ``plans`` and
-        ``invalid_plans`` count those of these episodes.
+        What happened, and the expert that took part. It is made for this rollout alone, so its
+        ``plans`` and ``invalid_plans`` count the plans of these episodes.
     """
     config = _own(job.config)
     robot = _robot(config.robot)
@@ -269,7 +270,7 @@ def _plan(config: Config) -> PlanFunction:
     return _plan_of(config, content_hash(config.robot))
 
 
-# What is kept is of a robot's files as they were: the configuration has but their names.
+# The content of a robot's files is part of the key, since the configuration has only their names.
 
 
 @lru_cache(maxsize=4)

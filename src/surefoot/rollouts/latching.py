@@ -1,9 +1,9 @@
-"""Which robots their own protection would have switched off, under a hardware profile.
+"""Which robots would have been switched off by their own protection, under a hardware profile.
 
-An actual robot latches: once a joint is beyond its range or too fast, or a torque too long at its
-limit, its motors only damp. Here the episode goes on, and the first rule that would have latched is
-reported beside its outcome. Timeouts of the drivers cannot happen in a simulation. Read
-`config.profiles` for the rules.
+A real robot latches: once a joint is beyond its range or too fast, or a torque has been at its
+limit for too long, its motors only damp. In simulation the episode continues, and the first rule
+that would have latched is reported in addition to the outcome. Driver timeouts cannot happen in
+simulation. Read `config.profiles` for the rules.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_tick
 
 
 class Latch(IntEnum):
-    """What would have switched a robot off; of rules at the same tick the first one here."""
+    """What would have switched a robot off; of several rules at one tick, the first one here."""
 
     NONE = 0
     POSITION = 1
@@ -28,7 +28,7 @@ class Latch(IntEnum):
 
 
 NEVER = -1
-"""Stands for the tick of a robot that would not have latched."""
+"""The tick of a robot that would not have latched."""
 
 
 def first_latches(rollouts: Rollout, profile: HardwareProfile) -> tuple[IntArray, IntArray]:
@@ -41,8 +41,8 @@ def first_latches(rollouts: Rollout, profile: HardwareProfile) -> tuple[IntArray
         profile: The limits and the rules.
 
     Returns:
-        ``(B,)`` values of `Latch`, and the ticks ``(B,)`` at which they latched, `NEVER` for those
-        that would not have.
+        ``(B,)`` values of `Latch`, and the ticks ``(B,)`` at which the robots would have latched,
+        or `NEVER`.
     """
     T = rollouts.duration
     happened = rollouts.happened[:, :T]
@@ -79,7 +79,7 @@ def _saturated(profile: HardwareProfile, torque: Array, happened: BoolArray) -> 
     """``(B, T)`` True where a torque has been at its limit for as long as the profile allows."""
     if profile.saturation is None:
         return np.zeros(happened.shape, dtype=bool)
-    # A torque that was clipped is the limit itself.
+    # A clipped torque equals the limit exactly.
     full = (np.abs(torque) >= torque_limits(profile)) & happened[..., None]
     allowed = to_ticks(profile.saturation)
     # A tick is saturated if the last `allowed` ticks all were: a difference of running sums.

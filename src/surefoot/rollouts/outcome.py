@@ -18,15 +18,15 @@ from surefoot.robots import bounds
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, State, to_ticks
 
 AIRBORNE = 40
-"""[ms] A foot without contact for so long may have swung."""
+"""[ms] A foot without contact for this long may have swung."""
 CLEARANCE = 0.005
-"""[m] A foot that rose so high above the ground in that time has swung."""
+"""[m] A foot that rose this high above the ground in that time has swung."""
 GROUNDED = 20
-"""[ms] A foot in contact for so long after it swung has touched down."""
+"""[ms] A foot in contact for this long after it swung has touched down."""
 
 
 class Outcome(IntEnum):
-    """How an episode ended. Failure is data: the episode's id replays it."""
+    """How an episode ended. A failure is data: it can be replayed from the episode's id."""
 
     SUCCESS = 0
     FELL = 1
@@ -45,14 +45,15 @@ def fallen(state: State, config: SafetyConfig) -> BoolArray:
 
 
 def judged_from(safety: SafetyConfig, *gaits: Gait) -> float | None:
-    """The duration from which on an episode is judged for stepping [s]; None is never.
+    """The shortest duration of an episode that is judged for stepping [s]; None if none is.
 
-    In the last third of three periods and touchdowns every foot of a perfect gait has touched down.
+    Three periods and touchdowns are long enough for every foot of a perfect gait to touch down in
+    the last third.
 
     Args:
         safety: The shortest duration that is judged, whatever the gait.
-        gaits: The gaits that robots may walk in it: the slowest decides. One that stands has no say
-            (see `never_standing`).
+        gaits: The gaits that robots may walk in the episode. The slowest one decides; a gait that
+            stands does not count (see `never_standing`).
     """
     periods = [to_ticks(gait.period) for gait in gaits if not stands(gait)]
     if safety.stepping_from is None or not periods:
@@ -62,10 +63,11 @@ def judged_from(safety: SafetyConfig, *gaits: Gait) -> float | None:
 
 
 def never_standing(gaits: Sequence[Gait], walked: IntArray) -> BoolArray:
-    """``(B,)`` True for robots that are to step all the time, and at no tick in a gait that stands.
+    """``(B,)`` True for robots that never walk a gait that stands, and so have to keep stepping.
 
     Args:
-        gaits: The gaits, by their numbers; none if nobody knows, and then all are to step.
+        gaits: The gaits, in the order of their numbers; empty if unknown, and then all robots have
+            to step.
         walked: ``(B, T)`` the number of the gait that each robot is to walk, tick by tick.
     """
     standing = [number for number, gait in enumerate(gaits) if stands(gait)]
@@ -97,8 +99,8 @@ def strictly_stepping(
 ) -> BoolArray:
     """``(B,)`` True where every foot touches down in every window of 1.5 gait periods.
 
-    The robot has to do so for at least two thirds of the episode. This rule, stricter than
-    `stepping`, is reported and decides nothing.
+    The robot has to do so for at least two thirds of the episode. This rule is stricter than
+    `stepping`; it is only reported, and decides nothing.
 
     Args:
         feet_height: ``(B, T, 4)`` height of the foot centers above the ground [m].
@@ -125,8 +127,8 @@ def strictly_stepping(
 def heights_of_swings(feet: Array, contacts: BoolArray, foot_radius: float) -> Array:
     """The heights of feet above uneven ground, ``(B, T, 4)`` [m], without a map of it.
 
-    Below a swing the ground is the straight line between the two places that it connects. A foot in
-    contact, and one that never is, is on the ground.
+    Below a swing, the ground is taken as the straight line between the two places that the swing
+    connects. A foot in contact is on the ground, and so is one that never touches it.
 
     Args:
         feet: ``(B, T, 4, 3)`` the foot centers, world frame [m].
@@ -140,7 +142,7 @@ def heights_of_swings(feet: Array, contacts: BoolArray, foot_radius: float) -> A
             if end - start == T:
                 continue
             path = feet[b, start:end, leg]
-            # At either end of an episode, the place at the other end of the swing is all there is.
+            # A swing at either end of the episode has only one such place, which serves for both.
             first = feet[b, start - 1 if start > 0 else end, leg]
             last = feet[b, end if end < T else start - 1, leg]
             way = last[:2] - first[:2]
@@ -165,8 +167,9 @@ def airborne(contact: BoolArray) -> list[tuple[int, int]]:
 def touchdowns(clearance: Array, contact: BoolArray) -> IntArray:
     """Ticks at which one foot touches down after a swing.
 
-    A swing is `AIRBORNE` ticks without contact that reach `CLEARANCE`, a touchdown `GROUNDED` ticks
-    of contact after it. A trembling foot of a standing robot passes any weaker rule.
+    A swing is `AIRBORNE` ticks without contact that reach `CLEARANCE`, and a touchdown is
+    `GROUNDED` ticks of contact after it. The trembling feet of a standing robot would pass any
+    weaker rule.
 
     Args:
         clearance: ``(T,)`` height of the foot sphere above the ground [m].

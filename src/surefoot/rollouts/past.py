@@ -1,9 +1,9 @@
-"""What came before episodes that go on from others: the ticks that a policy with a history needs.
+"""The ticks before episodes that continue from others, which a policy with a history needs.
 
-`Rollout.branch` makes a `Past` of the rollout that its episodes go on from. The engine tells a
-policy of it before their first tick (`tell_past`), and a recording of them has these ticks in front
-of its frames (`Rollout.recording`). So what a policy remembers, online as in training, is what
-happened, as if the rollout had never been cut. Read `episodes` next.
+`Rollout.branch` makes a `Past` from the rollout that its episodes continue. The engine passes it to
+a policy before their first tick (`tell_past`), and a recording of them has these ticks before its
+frames (`Rollout.recording`). So a policy remembers what happened, online and in training, as if the
+rollout had never been cut. Read `episodes` next.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from surefoot.types import Array, BoolArray, IntArray, State
 class Past:
     """The P ticks before B episodes, the oldest first; P is `LONGEST_HISTORY`.
 
-    Where a robot has had fewer, its first one stands for those before it, without a torque.
+    If a robot has had fewer ticks, its first one stands for those before it, without a torque.
 
     Attributes:
-        elapsed: ``(B,)`` how many ticks each robot has had, those longer ago included.
+        elapsed: ``(B,)`` how many ticks each robot has had, including those longer ago.
         seen: The states ``(B, P, ...)`` as the robots measured them.
         torque: ``(B, P, 12)`` the torques that were commanded [N m]; NaN where there was no tick.
         expert_drove: ``(B, P)`` True where the expert drove.
@@ -65,7 +65,7 @@ class Past:
         return np.arange(LONGEST_HISTORY) >= LONGEST_HISTORY - self.elapsed[:, None]
 
     def after(self, earlier: Past) -> Past:
-        """This past with what came before it, in place of the ticks that the robots have not had.
+        """This past, with the ticks that the robots have not had filled in from an earlier past.
 
         Args:
             earlier: The past of the same robots where this one began.
@@ -87,7 +87,7 @@ class Past:
         )
 
     def moved(self, by: Array) -> Past:
-        """The same past elsewhere.
+        """The same past, moved to another place.
 
         Args:
             by: ``(B, 2)`` how far the robots are moved in x and y [m].
@@ -102,7 +102,7 @@ class Past:
 
 
 def join_pasts(parts: Sequence[Past]) -> Past:
-    """The past of the robots of at least one part, one part after another.
+    """The past of the robots of one or more parts, one part after another.
 
     Args:
         parts: The parts.
@@ -135,20 +135,20 @@ def tell_past(policy: Remembering, past: Past, tick: IntArray) -> None:
 
 
 def with_past(frames: Frames, robot: IntArray, past: Past) -> Frames:
-    """A recording of episodes, with the ticks before them that policies remember at its frames.
+    """A recording of episodes, with the earlier ticks that policies remember at its frames.
 
     Args:
         frames: The n recorded ticks of the episodes, robot by robot.
         robot: ``(n,)`` the row of the robot of each tick.
         past: The past of the robots.
     """
-    # What came before reaches the frames of the first ticks only.
+    # Only the frames of the first ticks reach back to the time before the episode.
     first = np.full(len(past), LONGEST_HISTORY)
     np.minimum.at(first, robot[frames.kept], frames.elapsed[frames.kept])
     recorded = past.happened & (np.arange(LONGEST_HISTORY) >= first[:, None])
     of, number = np.nonzero(recorded)
     since = number - LONGEST_HISTORY
-    # Command, episode and outcome are those of any tick of the episode.
+    # Command, episode and outcome are the same in every tick of an episode.
     any_tick = np.searchsorted(robot, of)
     begin = frames.tick[any_tick] - frames.elapsed[any_tick]
     seen = past.seen[recorded]

@@ -1,4 +1,4 @@
-"""What a controller may be besides a controller; the engine asks, and no controller has to be any.
+"""Optional abilities of a controller, which the engine checks for; none of them is required.
 
 Read `types.Controller` first, and `engine` next.
 """
@@ -14,25 +14,25 @@ from surefoot.types import Array, Controller, IntArray, State
 
 @runtime_checkable
 class Remembering(Protocol):
-    """A controller with a memory, as a policy whose layout has a history."""
+    """A controller with a memory, such as a policy whose layout has a history."""
 
     def observe(self, state: State, tick: IntArray, torque: Array) -> None:
         """Remember a tick; called at the end of every tick, whoever drove in it.
 
-        Where episodes go on from others, it is first called for the ticks before them.
+        If episodes continue from others, it is first called for the ticks before them.
 
         Args:
             state: The states of B robots, as they measured them.
             tick: ``(B,)`` gait clock [ms].
             torque: ``(B, 12)`` the torques that were commanded, clipped [N m]; NaN for robots that
-                had not begun yet: their first states stand for those before.
+                had not begun yet, whose first states stand for those before.
         """
         ...
 
 
 @runtime_checkable
 class InSeveralGaits(Protocol):
-    """A controller that is told in which gait each robot is to walk, as a policy of several.
+    """A controller that is told which gait each robot is to walk, such as a policy of several.
 
     Attributes:
         gait: ``(B,)`` the numbers of the gaits; set before the controller is asked for torques.
@@ -46,7 +46,7 @@ class OfKnownGaits(Protocol):
     """A controller that says which gaits it walks, as the package's expert does.
 
     Attributes:
-        gaits: The gaits, by their numbers; none if nobody knows.
+        gaits: The gaits, in the order of their numbers; empty if unknown.
     """
 
     gaits: tuple[Gait, ...]
@@ -54,7 +54,7 @@ class OfKnownGaits(Protocol):
 
 @runtime_checkable
 class OfOneRobot(Protocol):
-    """A controller that says for which robot it is, as a trained policy does."""
+    """A controller that says which robot it is for, as a trained policy does."""
 
     @property
     def robot(self) -> object:
@@ -63,13 +63,13 @@ class OfOneRobot(Protocol):
 
 
 def in_several_gaits(controllers: Sequence[Controller | None]) -> list[InSeveralGaits]:
-    """The controllers, which have to be told the gaits.
+    """The controllers that are to be told the gaits: all of those given.
 
     Args:
-        controllers: Who may drive; None stands for nobody.
+        controllers: The controllers that may drive; None is skipped.
 
     Raises:
-        ValueError: One of them cannot be told.
+        ValueError: One of them cannot be told the gaits.
     """
     walkers: list[InSeveralGaits] = []
     for controller in controllers:

@@ -1,4 +1,4 @@
-"""What is left of many episodes besides their frames: outcomes, who drove, what it cost.
+"""What is kept of many episodes in addition to their frames: outcomes, who drove, the cost.
 
 `summarize` makes a `Summary` of a rollout, `join_summaries` puts several together; runs store one
 per chunk. Base velocities, and the tracking errors that follow from them, are computed here too.
@@ -29,22 +29,22 @@ TILTED = np.radians(10.0)
 """[rad] A frame with a larger roll or pitch is a recovery: the settled gait cycles of the stored
 initial states (split `nominal`) reach 6.8 degrees."""
 NEAR_ANGLE = np.radians(5.0)
-"""[rad] A frame with an angle so close to its bound in the paper's table, or beyond it, is a
+"""[rad] A frame with an angle this close to its bound in the paper's table, or beyond it, is a
 recovery by distance."""
 NEAR_HEIGHT = 0.01
-"""[m] A frame with the height so close to its bound in the paper's table, or beyond it, is a
+"""[m] A frame with the height this close to its bound in the paper's table, or beyond it, is a
 recovery by distance."""
 
 COVERED = 0.7
 """A robot that covers this share of the distance commanded, or more, follows its command."""
 
 NOT_RECORDED = -1
-"""Stands for a count that an older version did not make."""
+"""The value of a count that an older version did not make."""
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What is left of n episodes besides their frames; first axis the episode.
+    """What is kept of n episodes in addition to their frames; the first axis is the episode.
 
     Attributes:
         episode: ``(n,)`` ids of the episodes.
@@ -59,11 +59,11 @@ class Summary:
         takeovers: ``(n,)`` how often the expert took over from the policy before the tail, or
             drove first.
         expert_drove_last: ``(n,)`` True where the expert drove the last tick.
-        expert_drove_before: ``(n,)`` True where it drove the tick 0.5 s before the last.
+        expert_drove_before: ``(n,)`` True where the expert drove the tick 0.5 s before the last.
         plans: ``(n,)`` number of MPC solves.
         invalid_plans: ``(n,)`` number of MPC solves that were not valid.
         tilted_far: ``(n, 2)`` True where roll or pitch exceeded ``safety.fall_angle`` after the
-            grace, before the tail and in it; the disturbance has to allow for it, or it is a fall.
+            grace, before the tail and in it; that is a fall unless the disturbance allows for it.
         kept: ``(n,)`` number of frames kept.
         kept_tilted: ``(n,)`` number of frames kept with roll or pitch beyond `TILTED`.
         kept_near_bounds: ``(n,)`` number of frames kept closer to the paper's table than
@@ -77,7 +77,7 @@ class Summary:
             touched the ground [ms]; -1 where that was not recorded.
         latch: ``(n,)`` values of `Latch`: what would have switched the robot off before the tail;
             -1 without a hardware profile.
-        latch_tick: ``(n,)`` when that was [ms]; -1 where it was not.
+        latch_tick: ``(n,)`` when it would have been switched off [ms]; -1 if it would not.
         shapes: Shapes of the arrays that are not ``(n,)``.
     """
 
@@ -154,7 +154,7 @@ def covered(summary: Summary) -> BoolArray:
 
 @dataclass(frozen=True)
 class EpisodeInfo:
-    """What a summary says of B episodes that their rollout does not hold.
+    """The part of a summary of B episodes that does not follow from their rollout.
 
     Attributes:
         episode: ``(B,)`` ids of the episodes.
@@ -179,7 +179,7 @@ def summarize(
     Args:
         rollouts: What happened in them.
         frames: The frames that are kept.
-        info: What the rollout does not hold.
+        info: What does not follow from the rollout.
         robot: The robot; its foot radius and its hardware profile are needed.
         config: Gives the gait period, the grace, and the bounds that define a recovery.
     """
@@ -266,7 +266,7 @@ def _count(which: BoolArray, frames: Frames, episode: IntArray) -> IntArray:
 
 
 def _mean(values: Array, mask: BoolArray) -> Array:
-    """Mean over the ticks in the mask, ``(B, T, 3) -> (B, 3)``; NaN without any."""
+    """Mean over the ticks in the mask, ``(B, T, 3) -> (B, 3)``; NaN if there are none."""
     total = np.where(mask[..., None], values, 0.0).sum(axis=1)
     count = mask.sum(axis=1)[:, None]
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
@@ -278,7 +278,7 @@ def velocities(rollouts: Rollout) -> Array:
 
 
 def settled_part(length: int) -> slice:
-    """The ticks of an episode from 1 s on; the second half of a shorter one.
+    """The ticks of an episode from 1 s on; the second half of one shorter than 2 s.
 
     Args:
         length: Number of ticks simulated.

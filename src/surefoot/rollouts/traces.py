@@ -1,9 +1,9 @@
-"""What a history gate learns from: the states while a policy drove, and what became of them.
+"""What a history gate learns from: states while a policy drove, and whether the bounds were left.
 
 `trace_of` makes a `Trace` of a rollout; runs store one per chunk. `history_rows` turns traces into
-rows to train a classifier on. They hold the full state without noise, whatever the policy sees: a
-history gate watches a robot in training, whose true state is known. Read `safety.learned` next for
-the gate, and `runs.gate_training` for its training.
+rows to train a classifier on. Traces have the full state without noise, whatever the policy sees,
+because a history gate watches a robot in training, whose true state is known. Read `safety.learned`
+next for the gate, and `runs.gate_training` for its training.
 """
 
 from __future__ import annotations
@@ -30,14 +30,15 @@ HORIZON = to_ticks(HISTORY_HORIZON)
 
 @dataclass(frozen=True)
 class Trace:
-    """What a gate saw of B robots every 10 ms, and what became of it.
+    """What a gate saw of B robots every 10 ms, and whether the bounds were left soon after.
 
     Attributes:
         episode: ``(B,)`` ids of the episodes.
         inputs: ``(B, n, 47)`` observation and goal.
         label: ``(B, n)`` int8: 1 where the policy drives and the bounds are left within 0.3 s; 0
-            where it drives that long and they are not; -1 where that is unknown: the expert drives
-            or takes over earlier, the episode ends, or the state is outside the bounds already.
+            where the policy drives that long and they are not; -1 where this is unknown because the
+            expert drives or takes over earlier, the episode ends, or the state is outside the
+            bounds already.
         shapes: Shapes of the arrays.
     """
 
@@ -99,7 +100,7 @@ def labels_of(rollouts: Rollout, safety: SafetyConfig) -> NDArray[np.int8]:
 
 
 def _next(event: BoolArray, never: int) -> IntArray:
-    """``(B, T)`` tick of the next event from each tick on, itself included."""
+    """``(B, T)`` the first tick with an event, from each tick on; ``never`` if there is none."""
     ticks = np.where(event, np.arange(event.shape[1]), never)
     return np.minimum.accumulate(ticks[:, ::-1], axis=1)[:, ::-1]
 
@@ -108,7 +109,7 @@ def history_rows(traces: Sequence[Trace]) -> tuple[NDArray[np.float32], BoolArra
     """The rows to train the classifier of a `History` gate on: one for each known label.
 
     Args:
-        traces: The traces; a row never reaches beyond the beginning of its episode.
+        traces: The traces; a row never reaches back beyond the beginning of its episode.
 
     Returns:
         Rows ``(n, 470)``, ``(n,)`` True where the bounds are left, and ``(n,)`` episode ids.
