@@ -26,8 +26,8 @@ from surefoot.types import Array
 
 PENALTY = (1e4, 0.2, 2.0)
 """The ADMM penalty, in units of ``rho``, on the rows of position and start, velocity, and momentum.
-It sets the pace, not the optimum: 1, 1, 1 takes 2.8 times as many iterations and stops farther
-from the optimum."""
+It sets the speed of convergence, not the optimum: 1, 1, 1 takes 2.8 times as many iterations and
+stops farther from the optimum."""
 RELAXATION = 1.6
 """The ADMM over-relaxation: 1 is none, 1.5 to 1.8 is usual (Boyd et al. 2011, section 3.4.3)."""
 
@@ -42,8 +42,8 @@ class CentroidalPlan:
         angular_momentum: ``(N+1, 3)`` angular momentum about the center of mass [kg m^2/s].
         forces: ``(N, 4, 3)`` forces on the feet, constant over a node; exactly 0 for a swing foot
             [N].
-        dual: ``(N+1, 9)`` scaled dual of the dynamics, the last row that of the start; with the
-            states, it is all that a warm start needs.
+        dual: ``(N+1, 9)`` scaled dual of the dynamics, whose last row is that of the start; a warm
+            start needs only this and the states.
         residual: The 2-norm of the violation of dynamics and start, per mass; ``inf`` on failure.
         iterations: The number of ADMM iterations.
     """
@@ -65,7 +65,7 @@ class CentroidalProblem:
         contacts: The contacts over N nodes.
         x0: ``(9,)`` measured center of mass [m], its velocity [m/s], angular momentum / mass
             [m^2/s].
-        reference: ``(N+1, 9)`` states in the same units; the last row meets the terminal weights.
+        reference: ``(N+1, 9)`` states in the same units; the last row has the terminal weights.
         mass: The mass of the robot [kg].
         friction: The coefficient mu of the cone |f_xy| <= mu f_z.
     """
@@ -88,8 +88,9 @@ def solve_centroidal(
     Args:
         problem: The instance, with N nodes.
         config: The weights (those of the forces must be positive), penalty and stopping rule.
-        guess: A plan of N nodes whose states (except the first) and dual to start from. Where that
-            does not lead to the tolerance, and without one, the start is cold: at rest in ``x0``.
+        guess: A plan of N nodes, whose states (except the first) and dual to start from. If that
+            does not reach the tolerance, or if there is no guess, the start is cold: every state is
+            ``x0``.
 
     Returns:
         The plan. If the input is not finite, its residual is ``inf``, its forces are zero and its
@@ -133,7 +134,7 @@ def solve_centroidal(
 
 
 def _prepare(problem: CentroidalProblem, config: CentroidalConfig) -> CentroidalArrays:
-    """Return the problem's arrays as the compiled functions want them."""
+    """Return the problem's arrays as the compiled functions need them."""
     contacts = problem.contacts
     nodes = len(contacts.dt)
     checked = (contacts.active, contacts.position, problem.x0, problem.reference)

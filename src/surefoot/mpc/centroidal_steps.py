@@ -1,7 +1,7 @@
 """The three steps of the centroidal problem's ADMM, compiled: forces, states and duals.
 
-The problem and its symbols are those in the docstring of `centroidal`, whose loop calls the steps
-in turn. Forces separate by node; states are one banded system. Read `kinematics` next.
+The docstring of `centroidal` defines the problem and its symbols, and its loop calls the steps in
+turn. Forces separate by node; states are one banded system. Read `kinematics` next.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from surefoot.types import GRAVITY, Array, BoolArray
 FORCE_ITERATIONS = 500
 """The largest number of gradient steps in one force step."""
 FORCE_TOLERANCE = 1e-9
-"""[N/kg] The gradient steps end at a smaller change."""
+"""[N/kg] The gradient steps end at a change smaller than this."""
 BAND = 12
 """The width of the band of the state step: the diagonal and 11 entries beside it."""
 
@@ -82,8 +82,8 @@ def force_step(F: Array, wrench: Array, X: Array, P: Array, problem: CentroidalA
 
     The nodes separate. A ``(6, 3n)`` maps the forces f of n stance feet to the change of (v, k)
     over the node, and b is the wanted change. Without cones the optimum is f = W^-1 A^T y with
-    (rho^-1 + A W^-1 A^T) y = b, a system of 6 for any number of feet. It is the answer where it
-    lies inside all cones, as it mostly does; else `_solve_forces` finds it.
+    (rho^-1 + A W^-1 A^T) y = b, a system of 6 for any number of feet. If it lies inside all cones,
+    as it mostly does, it is the answer; otherwise `_solve_forces` finds the answer.
     """
     arm = np.empty((4, 3))
     b = np.empty(6)

@@ -1,7 +1,7 @@
 """The expert: replans on the 50-ms grid and at takeovers, drives at 1 kHz, survives failed plans.
 
 tau = tau_ff + kp (q_ref - q) + kd (v_ref - v), for B robots at once. `Expert` wraps any plain
-function ``plan(state, tick, command) -> MotionPlan``, so that a user's own MPC is that function.
+function ``plan(state, tick, command) -> MotionPlan``, so a user's own MPC can be that function.
 Read `rollouts.engine` next.
 """
 
@@ -39,10 +39,10 @@ DAMPING = 0.1
 class Expert:
     """Drives robots with plans, and survives a planner that fails.
 
-    A robot that the expert did not drive one tick ago is a takeover: it gets a fresh plan at once.
-    After an invalid replan the robot follows the second half of its old plan. After a second one in
-    a row, or an invalid plan at a takeover, the expert gives up on the robot: it gets joint damping
-    only, and `diverged` is True.
+    A robot that the expert did not drive one tick ago is a takeover, and gets a fresh plan at once.
+    After an invalid replan, the robot follows the second half of its old plan. After a second
+    invalid replan in a row, or an invalid plan at a takeover, the expert gives up on the robot: the
+    robot gets joint damping only, and `diverged` is True.
 
     Args:
         plan: The MPC, which plans for one robot at a time. Ticks of a plan beyond 100 are never
@@ -50,14 +50,14 @@ class Expert:
         kp: The proportional gain [N m/rad].
         kd: The derivative gain [N m s/rad].
         damping: The damping of the joints of a robot that has no valid plan [N m s/rad].
-        gaits: The gaits that the plans are of; none if nobody knows.
+        gaits: The gaits that the plans are for, in the order of their numbers; empty if unknown.
 
     Attributes:
-        gaits: The gaits that the plans are of; none if nobody knows.
-        gait: ``(B,)`` the number of the gait that each robot is to walk: plans are asked for with
-            it as `Command.gait`. A number, 0, after a reset.
+        gaits: The gaits that the plans are for, in the order of their numbers; empty if unknown.
+        gait: ``(B,)`` the number of the gait that each robot is to walk, which the plan function
+            gets as `Command.gait`. After a reset it is the single number 0.
         plans: ``(B,)`` number of plans asked for since the reset.
-        invalid_plans: ``(B,)`` number of those that were not valid.
+        invalid_plans: ``(B,)`` number of these plans that were not valid.
 
     Raises:
         ValueError: A gain is outside the range that `ExpertConfig` allows.
@@ -93,7 +93,7 @@ class Expert:
         self._last_failed = np.zeros(batch, dtype=bool)
 
     def forget(self, rows: BoolArray) -> None:
-        """Forget the plans of some robots, which begin new episodes while the others go on.
+        """Forget the plans of some robots, which begin new episodes while the others continue.
 
         Args:
             rows: ``(B,)`` True for those robots.
@@ -119,7 +119,7 @@ class Expert:
         Raises:
             ValueError: B is not what `reset` was told, a plan's arrays are not (ticks, 12), or the
                 plan function changed the state that it was given.
-            TypeError: The plan function returned something else than a `MotionPlan`.
+            TypeError: The plan function returned something other than a `MotionPlan`.
         """
         if len(tick) != len(self.plans):
             raise ValueError(f"{len(tick)} robots, but reset was told {len(self.plans)}")
@@ -173,7 +173,7 @@ def ask_for_plan(
     Raises:
         ValueError: An array of the plan is not ``(ticks, 12)`` numbers, or the plan function
             changed an array of its state.
-        TypeError: The plan function returned something else than a `MotionPlan`.
+        TypeError: The plan function returned something other than a `MotionPlan`.
     """
     try:
         motion: object = plan(read_only(state), tick, command)
@@ -191,7 +191,7 @@ def ask_for_plan(
 def read_only(state: State) -> State:
     """Return a copy of a state, in arrays that cannot be written to.
 
-    Whoever makes them writeable again on purpose changes nothing but the copy.
+    Code that makes them writeable again on purpose changes nothing but the copy.
 
     Args:
         state: The state of one robot, or of B robots.
@@ -214,10 +214,10 @@ def make_planner(robot: RobotModel, config: Config) -> Planner:
 
 
 def make_plan(robot: RobotModel, config: Config) -> PlanFunction:
-    """Return the plan function of a configuration: that of the planner of its gait, or of several.
+    """Return the plan function of a configuration, made of the planners of its gaits.
 
-    Of several gaits, `Command.gait` says whose planner is asked. All of them keep one gait clock,
-    each with its own period, so that a plan depends on its arguments alone, whatever was walked
+    With several gaits, `Command.gait` says which planner to ask. All gaits share one gait clock,
+    each with its own period, so a plan depends on its arguments alone, whatever gait was walked
     before.
 
     Args:
@@ -225,7 +225,8 @@ def make_plan(robot: RobotModel, config: Config) -> PlanFunction:
         config: The configuration, for gaits, planners and friction.
 
     Returns:
-        The plan function. That of several gaits raises a `ValueError` for a number of none of them.
+        The plan function. With several gaits it raises a `ValueError` for a number that belongs to
+        none of them.
     """
     planners = [make_planner(robot, one) for one in each_gait(config)]
     if len(planners) == 1:
@@ -243,13 +244,13 @@ def make_plan(robot: RobotModel, config: Config) -> PlanFunction:
 
 
 def make_expert(robot: RobotModel, config: Config, plan: PlanFunction | None = None) -> Expert:
-    """Return the expert of a configuration: its gains around its planner, or around your own plan.
+    """Return the expert of a configuration: its gains, with its planner or with your own.
 
     Args:
         robot: The robot.
         config: The configuration, for gains, gaits, planner and friction.
-        plan: Your own MPC, which walks the gait `Command.gait` of several; the planner of the
-            configuration if it is None.
+        plan: Your own MPC, which plans the gait `Command.gait` if there are several; None takes the
+            planner of the configuration.
     """
     if plan is None:
         plan = make_plan(robot, config)

@@ -1,13 +1,13 @@
 """Contact plan of a horizon: which feet stand, where they land, how high they swing.
 
-BiConMP's rule puts a foot that lands at time t under its hip as the base is expected to stand then,
-plus half a stance of travel: p = c + R(w t) o + v t + v T_stance / 2 + sqrt(z / g) / 2 (v x w),
-with o the hip offset moved outward, v the planned velocity, w the yaw rate. It ignores the measured
+BiConMP's rule puts a foot that lands at time t below where its hip is expected to be then, plus
+half a stance of travel: p = c + R(w t) o + v t + v T_stance / 2 + sqrt(z / g) / 2 (v x w), with o
+the hip offset moved outward, v the planned velocity, w the yaw rate. It ignores the measured
 velocity. The capture rule moves p by (t + t_c) e, where e is the velocity in excess of the command
-beyond a deadband: that is how much farther the robot will have come, and where it can stop from
-there (the capture point, Pratt et al. 2006). It also takes v t along the arc of a turn, and turns
-the last two terms by w t. There is no spline: a swing foot is drawn to one via point.
-`planned_velocity` and `excess_velocity` make v, w and e of a command. Read `centroidal` next.
+beyond a deadband: it accounts for how much farther the robot will have come, and for where it can
+stop from there (the capture point, Pratt et al. 2006). It also takes v t along the arc of a turn,
+and turns the last two terms by w t. There is no spline: a swing foot is drawn to one via point.
+`planned_velocity` and `excess_velocity` compute v, w and e from a command. Read `centroidal` next.
 """
 
 from __future__ import annotations
@@ -88,8 +88,8 @@ def hip_offsets(robot: RobotModel, outward: float | None) -> Array:
 
     Args:
         robot: The robot, in its nominal pose.
-        outward: How far a foothold lies outside of its hip [m]. None takes the nominal feet, moved
-            so that their center is below the center of mass.
+        outward: How far a foothold lies outside its hip [m]. None takes the nominal feet, moved so
+            that their center is below the center of mass.
     """
     data = robot.model.createData()
     pin.framesForwardKinematics(robot.model, data, robot.nominal)
@@ -103,10 +103,10 @@ def hip_offsets(robot: RobotModel, outward: float | None) -> Array:
 
 
 def planned_velocity(config: ExpertConfig, command: Command) -> Command:
-    """Return the velocity that is planned so that a robot follows a command, heading frame.
+    """Return the velocity to plan for a robot to follow a command, heading frame.
 
-    A robot in a turn drifts outward, so that a velocity to the inside is planned as well; and it
-    reaches a share of what is planned, so that more is.
+    A robot in a turn drifts outward, so an inward velocity is planned as well. It also reaches only
+    a share of the planned velocity, so more is planned.
 
     Args:
         config: The gains and the compensation in a turn.
@@ -168,8 +168,9 @@ def _positions(
 ) -> Array:
     """Return the positions ``(N, 4, 3)`` of a contact plan.
 
-    A swing foot passes below its hip until half of its swing, and is over its landing after. A foot
-    that stays in stance stays where it was first, and the first node has the measured feet.
+    A swing foot is below its hip in the first half of its swing, and over its foothold in the
+    second. A foot that stays in stance keeps its first position, and the first node has the
+    measured feet.
 
     Args:
         active: ``(N, 4)`` True where a foot is in stance.
@@ -237,7 +238,7 @@ def rotate_horizontal(vector: Array, angle: Array) -> Array:
 
 
 def travel_along_arc(v: Array, w: float, time: Array) -> Array:
-    """Return the way ``(..., 2)`` made in some time at a velocity that turns [m].
+    """Return the displacement ``(..., 2)`` after some time at a velocity that turns [m].
 
     Args:
         v: ``(2,)`` horizontal velocity at the start [m/s].

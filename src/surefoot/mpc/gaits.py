@@ -1,9 +1,9 @@
 """Named gaits. A gait is its timing: one set of weights, the trot's, serves all of them.
 
-Measured on Solo12 and on robots of 13 to 87 kg. What a gait needs besides, a horizon of two periods
-and command gains of its own, follows from its timing (`schedule.horizon`) or is measured
-(`scenarios.calibration`). A configuration of several gaits is as many of one (`each_gait`), which
-is how everything that depends on the gait is made for them. Read `schedule` next.
+Measured on Solo12 and on robots of 13 to 87 kg. A gait also needs a horizon of two periods, which
+follows from its timing (`schedule.horizon`), and its own command gains, which are measured
+(`scenarios.calibration`). A configuration of several gaits is split into one for each gait
+(`each_gait`), from which everything that depends on the gait is made. Read `schedule` next.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from surefoot.config.single_gaits import each_gait, with_timing
 from surefoot.errors import unknown
 
 EACH_GAIT = "use one of `surefoot.config.single_gaits.each_gait(config)`"
-"""The advice to those who write Python."""
+"""The advice to users who write Python."""
 
 
 def with_gait(config: Config, name: str) -> Config:
-    """The configuration, with a named gait, and with what follows from another gait than the trot.
+    """The configuration with a named gait, and with the horizon that this gait needs.
 
-    That is a horizon by the gait's period; the trot leaves the rest as it is.
+    The horizon of any gait but the trot follows from its period; the trot leaves the rest as it is.
 
     Args:
         config: The configuration.
@@ -38,10 +38,10 @@ def with_gait(config: Config, name: str) -> Config:
 
 
 def with_gaits(config: Config, names: Sequence[str]) -> Config:
-    """The configuration, with several named gaits that robots walk by command.
+    """The configuration with several named gaits, which robots walk by command.
 
-    Each of them is as `with_gait` makes it alone (`each_gait`), but for initial states and command
-    gains that are given, which are the first one's.
+    Each gait is as `with_gait` makes it alone (`each_gait`), except that initial states and command
+    gains in the configuration are those of the first gait.
 
     Args:
         config: The configuration.
@@ -61,21 +61,21 @@ def with_gaits(config: Config, names: Sequence[str]) -> Config:
     others = []
     for one, open_ in zip(alone, each_gait(several)[1:], strict=True):
         expert = replace(one.expert, command_gain=None)
-        # What is left open goes on to follow the first gait's expert.
+        # An expert that is left open keeps following the first gait's expert.
         others.append(OtherGait(one.gait, None if expert == open_.expert else expert))
     return replace(first, other_gaits=tuple(others))
 
 
 def only_gait(config: Config, what: str, advice: str = EACH_GAIT) -> Config:
-    """The configuration itself, if it has one gait.
+    """The configuration itself, if it has only one gait.
 
     Args:
         config: The configuration.
-        what: What takes one gait alone, as the beginning of a sentence.
+        what: What takes only one gait, as the beginning of a sentence.
         advice: What to do instead, as the end of a sentence.
 
     Raises:
-        ValueError: It has several; the message says what to do.
+        ValueError: The configuration has several gaits; the message says what to do.
     """
     if config.other_gaits:
         raise ValueError(
@@ -86,12 +86,12 @@ def only_gait(config: Config, what: str, advice: str = EACH_GAIT) -> Config:
 
 
 def names_of(config: Config) -> str:
-    """The names of the gaits of a configuration, with commas in between."""
+    """The names of the gaits of a configuration, separated by commas."""
     return ", ".join(gait_names(config.gaits))
 
 
 def numbers_of(config: Config, names: Sequence[str]) -> list[int]:
-    """The numbers of gaits of a configuration, by their names, which may come several times.
+    """The numbers of a configuration's gaits with these names; a name may occur several times.
 
     Raises:
         ValueError: The configuration has no such gait.
@@ -104,7 +104,7 @@ def numbers_of(config: Config, names: Sequence[str]) -> list[int]:
 
 
 def gait_in_words(gait: Gait) -> str:
-    """A gait for messages: its name where it is a named one, or its numbers."""
+    """A gait for messages: its name if it has one, or else its numbers."""
     name = gait_name(gait)
     if name in GAITS:
         return f"the gait {name}"

@@ -1,15 +1,16 @@
-"""The plane of the ground under a robot, as its feet feel it: one state is enough, and no map.
+"""The plane of the ground under a robot as its feet feel it, from a single state without a map.
 
-A foot that carries load is on the ground. One that does not is some way above it, and all of those
-are about equally high, for they swing in one rhythm. So the heights of four feet are
+A foot that carries load is on the ground. The feet that do not are above it, all about equally
+high, because they swing in one rhythm. So the heights of four feet are
 
     z_i = a + g . (p_i - c) + s_i h + e_i,
 
 with a the height of the ground below the center of mass c, g its slope, h the clearance of the feet
-that swing (s_i = 1, else 0) and e_i what is uneven. The most probable a, g and h, if all are normal
-about zero, are one system of four equations. In a trot each diagonal pair tells the slope along its
-own diagonal, whether it stands or swings; what the feet cannot tell, such as the slope across a
-pace, stays nearly level. Read `footholds` next, which puts feet on the plane.
+that swing (s_i = 1, else 0) and e_i the unevenness. If all of these are normally distributed about
+zero, the most probable a, g and h solve one system of four equations. In a trot each diagonal pair
+shows the slope along its own diagonal, whether it stands or swings; a slope that the feet cannot
+show, such as that across a pace, stays nearly level. Read `footholds` next, which puts feet on the
+plane.
 """
 
 from __future__ import annotations
@@ -25,18 +26,17 @@ ROUGHNESS_STD = 0.01
 UNEVENNESS_STD = 0.02
 """[m] Standard deviation of the clearances of feet that swing together."""
 CLEARANCE_STD = 0.4
-"""[m] Prior standard deviation of how high feet swing: more than they ever do, so that nothing is
-known of it."""
+"""[m] Prior standard deviation of how high feet swing: more than they ever do, so as to assume
+nothing."""
 SLOPE_STD = 0.4
 """Prior standard deviation of the slope (0.4 is 22 degrees)."""
 HEIGHT_STD = 0.1
 """[m] Prior standard deviation of the height of the ground; z = 0 is where the feet felt it
 last."""
 PRIOR = np.array([HEIGHT_STD, SLOPE_STD, SLOPE_STD, CLEARANCE_STD]) ** -2.0
-"""``(4,)`` What is known of a, both slopes and h before any foot is looked at: one over the
-variances."""
+"""``(4,)`` The prior precision of a, both slopes and h: one over the variances."""
 FARTHEST = 100.0
-"""[m] Feet that are farther from the robot, or at no place at all, are on no plane."""
+"""[m] Feet that are farther from the robot, or whose positions are not finite, are on no plane."""
 NO_LEVER = np.zeros(3)
 """[m] Forces act on a foot at its center."""
 
@@ -45,9 +45,9 @@ class GroundPlane(NamedTuple):
     """A plane z = height + slope . (x, y) in the planning frame.
 
     Attributes:
-        height: Its height at the origin [m].
-        slope_x: How much it rises by each meter ahead.
-        slope_y: How much it rises by each meter to the left.
+        height: The height at the origin [m].
+        slope_x: The rise per meter ahead.
+        slope_y: The rise per meter to the left.
     """
 
     height: float = 0.0
@@ -56,7 +56,7 @@ class GroundPlane(NamedTuple):
 
     @property
     def slope(self) -> Array:
-        """``(2,)`` how much it rises by each meter ahead and to the left."""
+        """``(2,)`` the rise per meter ahead and per meter to the left."""
         return np.array([self.slope_x, self.slope_y])
 
     def heights(self, points: Array) -> Array:
@@ -68,10 +68,10 @@ class GroundPlane(NamedTuple):
         return self.height + self.slope_x * points[..., 0] + self.slope_y * points[..., 1]
 
     def lever(self, foot_radius: float) -> Array:
-        """Where the plane touches a foot, from its center, as far as it is level ``(3,)`` [m].
+        """The horizontal offset ``(3,)`` from a foot's center to where the plane touches it [m].
 
-        A round foot on a slope is touched uphill of its center: by 3 mm for Solo12 on 10 degrees. A
-        robot that takes its center for the place drifts downhill by 0.02 m/s.
+        On a slope, the contact of a round foot is uphill of its center: by 3 mm for Solo12 on 10
+        degrees. A robot that assumes contact at the center drifts downhill at 0.02 m/s.
 
         Args:
             foot_radius: The radius of the foot spheres [m].
@@ -81,7 +81,7 @@ class GroundPlane(NamedTuple):
 
 
 LEVEL = GroundPlane()
-"""The plane z = 0, on which the planner plans where it is to take no notice of the ground."""
+"""The plane z = 0, on which the planner plans when it is to ignore the ground."""
 
 
 def plane_under(feet: Array, loaded: BoolArray, center: Array, foot_radius: float) -> GroundPlane:
@@ -90,7 +90,7 @@ def plane_under(feet: Array, loaded: BoolArray, center: Array, foot_radius: floa
     Args:
         feet: ``(4, 3)`` centers of the foot spheres, planning frame [m].
         loaded: ``(4,)`` True for the feet that carry load.
-        center: ``(2,)`` the point to which a slope is referred: the center of mass [m].
+        center: ``(2,)`` the point about which the plane tilts: the center of mass [m].
         foot_radius: The radius of the foot spheres [m].
     """
     if not (np.abs(feet) <= FARTHEST).all():

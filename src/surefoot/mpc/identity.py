@@ -1,10 +1,11 @@
-"""Which MPC an expert is: the name of its plan function, and its plans at a few fixed states.
+"""Identifies an expert's MPC by the name of its plan function and its plans at fixed states.
 
-A run is to be continued with the expert it was begun with, or one dataset holds the labels of two.
-A name alone does not tell: all lambdas have the same one, and a function may have been edited. So a
-run keeps an `ExpertIdentity` of a user's MPC, and `difference` says in what another one differs. A
-change that shows at none of the states is not noticed. The package's own planner needs none:
-the run's configuration is all of it. `runs.checks` decides with this whether a run may go on.
+A run must be continued with the expert that it began with, or one dataset mixes the labels of two.
+A name alone is not enough: all lambdas have the same one, and a function may have been edited. So a
+run keeps an `ExpertIdentity` of a user's MPC, and `difference` says how another one differs from
+it. A change that shows at none of the states goes unnoticed. The package's own planner needs no
+identity, because the run's configuration determines it. `runs.checks` uses this to decide whether a
+run may continue.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ from surefoot.robots.rigid import integrate
 from surefoot.types import Array, Command, GaitCommand, PlanFunction, State
 
 TOLERANCE = 1e-6
-"""[rad, rad/s, N m] Plans this far apart are the same: another processor rounds differently."""
+"""[rad, rad/s, N m] Plans at most this far apart count as the same: another processor rounds
+differently."""
 REPEATABLE = 0.01 * TOLERANCE
-"""[rad, rad/s, N m] A pure function that is asked again is closer, on several threads too."""
+"""[rad, rad/s, N m] A pure function that is asked again gives a closer plan, even on several
+threads."""
 DECIMALS = 9
 """Numbers of a plan are kept to this many decimals, far below the tolerance."""
 UNITS = {"joint_position": "rad", "joint_velocity": "rad/s", "torque": "N m"}
@@ -57,13 +60,13 @@ class FixedPlan:
 
 @dataclass(frozen=True)
 class ExpertIdentity:
-    """All that tells one MPC from another.
+    """Everything that tells one MPC from another.
 
     Attributes:
         module: Name of the module that defines the plan function, or its class.
         name: Qualified name of the function, or of its class.
         repeatable: Whether the function gave the same plan when it was asked again. If it did not,
-            it is known by its names alone.
+            it is identified by its names alone.
         plans: The plans at the fixed states.
     """
 
@@ -81,8 +84,8 @@ class ExpertIdentity:
 def plan_names(plan: PlanFunction) -> tuple[str, str]:
     """Return the module and the qualified name of a plan function.
 
-    They are those of the function that a `functools.partial` or a decorator wraps, and those of the
-    class of an object that can be called.
+    For a `functools.partial` or a decorated function, they are those of the wrapped function; for a
+    callable object, those of its class.
 
     Args:
         plan: The plan function.
@@ -128,7 +131,7 @@ def difference(before: ExpertIdentity, now: ExpertIdentity) -> str:
         return f"not with {now.title}"
     if not (before.repeatable and now.repeatable):
         return ""
-    if len(before.plans) != len(now.plans):  # of a version with other states
+    if len(before.plans) != len(now.plans):  # from a version with other states
         return ""
     for number, (one, other) in enumerate(zip(before.plans, now.plans, strict=True), 1):
         text = _plan_difference(one, other, TOLERANCE)
@@ -141,8 +144,8 @@ def _fixed_states(robot: RobotModel, gaits: int) -> list[tuple[State, int, Comma
     """Return the arguments for which plans are kept.
 
     The first robot stands still; the second moves in every degree of freedom, between two ticks of
-    the planning grid, so that feedback on a position or a velocity shows. It does so in each
-    further gait too.
+    the planning grid, so that feedback on a position or a velocity shows. The second does so in
+    each further gait too.
     """
     upright = standing(robot)
     count = np.arange(1.0, 19.0)
@@ -176,7 +179,7 @@ def _rows(array: Array) -> Rows:
 
 
 def _plan_difference(before: FixedPlan, now: FixedPlan, tolerance: float) -> str:
-    """Return in what a plan differs from an earlier one, in words; nothing if it does not."""
+    """Describe how a plan differs from an earlier one; empty if it does not."""
     if before.failure != now.failure:
         return f"it {now.failure or 'gave a plan'}; before, it {before.failure or 'gave a plan'}"
     for name, unit in UNITS.items():

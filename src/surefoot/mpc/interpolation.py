@@ -1,4 +1,4 @@
-"""From the nodes of a plan to one row a tick: linear in between. Read `planner` next."""
+"""Interpolates the nodes of a plan linearly, to one row per tick. Read `planner` next."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class NodeRows(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def interpolate(dt: Array, nodes: NodeRows, ticks: int) -> NodeRows:
-    """Interpolate the rows at nodes linearly, to one row a tick; quaternions become unit ones.
+    """Interpolate the rows at nodes linearly, to one row per tick, and normalize quaternions.
 
     Args:
-        dt: ``(N,)`` durations of the nodes that the ticks are in [s].
+        dt: ``(N,)`` durations of the nodes that contain the ticks [s].
         nodes: At least N + 1 rows.
         ticks: The number of ticks.
     """

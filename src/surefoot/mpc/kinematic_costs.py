@@ -1,9 +1,9 @@
 """Costs of the whole-body kinematic problem, compiled: their value and their Gauss-Newton model.
 
-The costs l(x_t, u_t) and l_N(x_N) are those in the docstring of `kinematics`, which evaluates them
-for every trial step. Each is a weighted sum of squared residuals r, so its model at x needs the
-Jacobian of r only: the gradient is J^T W r and the Hessian J^T W J. Read `kinematics` next, which
-solves the model with the sweep of `riccati`.
+The docstring of `kinematics`, which evaluates the costs for every trial step, defines l(x_t, u_t)
+and l_N(x_N). Each is a weighted sum of squared residuals r, so its model at x needs the Jacobian of
+r only: the gradient is J^T W r and the Hessian J^T W J. Read `kinematics` next, which solves the
+model with the sweep of `riccati`.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def objective(
 ) -> tuple[float, Residuals]:
     """Return the objective of a trajectory, and its residuals.
 
-    The Jacobians become a part of the residuals as they are.
+    The Jacobians become part of the residuals unchanged.
 
     Args:
         p: The problem.

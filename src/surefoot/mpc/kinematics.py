@@ -8,8 +8,8 @@ Over nodes t with state x = (q, v) and generalized acceleration u as control,
       + 1/2 w_x |x (-) x_ref|^2_Wx + 1/2 w_u |u|^2_Wu
     v_{t+1} = v_t + dt u_t,   q_{t+1} = q_t (+) dt v_{t+1}
 
-The next velocity serves as the decision of the sweep (u follows from it), so 18 x 18 blocks are
-all there is to solve. The compiled costs are in `kinematic_costs`, momentum and its derivatives in
+The next velocity serves as the decision of the sweep (u follows from it), so only 18 x 18 blocks
+have to be solved. The compiled costs are in `kinematic_costs`, momentum and its derivatives in
 `robots.dynamics`. Read `planner` next.
 """
 
@@ -192,7 +192,7 @@ class KinematicSolver:
         return gradient
 
     def _prepare(self, problem: KinematicProblem) -> ProblemArrays:
-        """Return the problem's arrays as the compiled functions want them."""
+        """Return the problem's arrays as the compiled functions need them."""
         N = len(problem.q_ref) - 1
         contacts = problem.contacts
         config = self._config
@@ -267,7 +267,7 @@ def _line_search(
 ) -> tuple[bool, _Iterate]:
     """Return whether a step length helps along the Gauss-Newton step, and the iterate it leads to.
 
-    If none does, that is the iterate itself.
+    If none does, that is the given iterate.
     """
     model = gauss_newton_model(p, iterate.motion, iterate.residuals)
     k, K, decrease = riccati(model, damping)
@@ -331,7 +331,7 @@ def _first_guess(q0: Array, v0: Array, posture: Array, dt: Array) -> Motion:
 
 @njit(cache=True, error_model="numpy")
 def _roll(motion: Motion, k: Array, K: Array, dt: Array, step: float) -> Motion:
-    """Roll out the sweep's policy around ``motion``, with the nonlinear dynamics."""
+    """Roll out the sweep's feedback law around ``motion``, with the nonlinear dynamics."""
     q, v, _ = motion
     new_q = np.empty_like(q)
     new_v = np.empty_like(v)

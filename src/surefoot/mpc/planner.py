@@ -45,10 +45,10 @@ PLAN_TICKS = 2 * GRID
 LAST_NODE = 3
 """The node at or beyond the last tick of a plan, even where the first node is the shortest."""
 MOST_TORQUE = 10.0
-"""A valid plan may ask for this many times the motor limit. No robot can follow what no motor
-gives, but a plan that will be clipped can still save a robot that has no other. Measured: 1.7 times
-from initial states perturbed 1.5 times as much as the paper's; 3.4 times after pushes of 5 N s,
-half of which end in a fall."""
+"""A valid plan may ask for this many times the motor limit. No motor gives that much, but a plan
+that will be clipped can still save a robot that has no other. Measured: 1.7 times from initial
+states perturbed 1.5 times as much as the paper's; 3.4 times after pushes of 5 N s, half of which
+end in a fall."""
 LARGEST_FLOAT = float(np.finfo(np.float64).max)
 FARTHEST_JOINT = 2.0 * np.pi
 """[rad] The largest distance of a joint from its nominal angle in a valid plan. Beyond a turn a leg
@@ -74,10 +74,10 @@ class StageSeconds:
 
 @dataclass(frozen=True)
 class PlanStages:
-    """Everything between state and torque, for a look inside a plan.
+    """Everything between state and torque, for inspecting a plan.
 
     Attributes:
-        tick: The gait clock that the plan was asked for at [ms].
+        tick: The gait clock at which the plan was asked for [ms].
         contacts: The contacts over the centroidal horizon, heading frame below the base.
         centroidal: The center of mass, the momentum and the forces.
         kinematic: The whole-body motion at the nodes.
@@ -142,7 +142,7 @@ class Planner:
             tick: The gait clock [ms].
             command: The command in the heading frame.
             previous: A plan to start from, in real time (`warm_start`); the result agrees with the
-                cold one within tolerances. It makes 2 `kinematic.max_iterations` as good as 3.
+                cold one within tolerances. With it, 2 `kinematic.max_iterations` are as good as 3.
         """
         clock = [perf_counter()]
         q = to_heading_frame(state.q)
@@ -174,11 +174,11 @@ class Planner:
     def warm_start(
         self, previous: PlanStages | None, tick: int, x0: Array
     ) -> tuple[CentroidalPlan | None, Array | None]:
-        """Return first guesses of both solvers for a plan at ``tick``: rows of an earlier plan.
+        """Return first guesses for both solvers for a plan at ``tick``: rows of an earlier plan.
 
         The nodes of both plans lie on one grid except for the first, where the state is measured,
         so nothing is interpolated. Beyond the old horizon its last row is repeated. The center of
-        mass is moved to the measured one; the little that the heading has turned is neglected.
+        mass is moved to the measured one; the small change of the heading is neglected.
 
         Args:
             previous: The earlier plan, or None.
@@ -238,8 +238,8 @@ class Planner:
     ) -> Array:
         """Return the reference ``(N+1, 9)`` of the centroidal problem.
 
-        The angular momentum levels the base: its reference is proportional to the orientation
-        error, and about the vertical to the commanded yaw rate.
+        The angular momentum levels the base: its reference is proportional to the orientation error
+        or, about the vertical, to the commanded yaw rate.
 
         Args:
             q: ``(19,)`` configuration in the planning frame.
@@ -311,8 +311,8 @@ class Planner:
 
         tau = RNEA(q, v, a) - sum_j J_j^T f_j, joint rows; linear between nodes in q, v, a and f.
 
-        The residual is about the momentum only: a state that no robot is ever in, with its legs
-        wound up or a joint at 1000 rad/s, can have a small one. So the joints are checked as well.
+        The residual covers only the momentum: a state that no robot is ever in, with its legs wound
+        up or a joint at 1000 rad/s, can have a small one. So the joints are checked as well.
 
         Args:
             contacts: The contact plan, for the durations of the nodes.
@@ -376,7 +376,7 @@ class Planner:
 
 @njit(cache=True, error_model="numpy")
 def _within(a: Array, limit: float) -> bool:
-    """Return True if no entry of a table is larger than the limit in size, or not a number."""
+    """Return True if every entry of a table is a number, and in size at most the limit."""
     within = True
     for row in range(a.shape[0]):
         for column in range(a.shape[1]):

@@ -45,10 +45,10 @@ class QuadraticModel(NamedTuple):
 def riccati(model: QuadraticModel, damping: float) -> tuple[Array, Array, float]:
     """Sweep backward in the tangent space; the decision of node t is w = delta v_{t+1}.
 
-    With V, g the value function of node t+1, its quadratic model in (delta q_t, w) is T^T V T,
-    T^T g, where T = [[A, dt E], [0, 1]] and blockdiag(A, 1), blockdiag(E, 1) are meant. The control
-    u = (v_{t+1} - v_t) / dt couples w and delta v_t by the diagonal -r. So Q is the Hessian of w,
-    [B, -r] what couples it to the state, and
+    With V, g the value function of node t+1, its quadratic model in (delta q_t, w) is T^T V T and
+    T^T g, where T = [[A, dt E], [0, 1]], and A, E stand for blockdiag(A, 1), blockdiag(E, 1). The
+    control u = (v_{t+1} - v_t) / dt couples w and delta v_t by the diagonal -r. So Q is the Hessian
+    of w, [B, -r] couples w to the state, and
 
         Q^-1 [B, -r, q_w] = -[K_q, K_v, k],   V_t = l_t + [[H_qq - B^T Q^-1 B, .], [r Q^-1 B,
                                                            r - r Q^-1 r]].

@@ -28,7 +28,7 @@ class Horizon(NamedTuple):
 
 
 def horizon(gait: Gait, config: ExpertConfig) -> Horizon:
-    """Return the numbers of nodes of a plan: the configured ones, or those that follow the gait.
+    """Return the numbers of nodes of a plan: the configured ones, or those that suit the gait.
 
     Forces are planned for two periods, within 10 to 20 nodes, and motions half as far, within 5 to
     10 nodes. Measured with trots of 0.33 to 0.8 s, bounds of 0.3 s and crawls of 1.6 s.

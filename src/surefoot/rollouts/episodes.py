@@ -183,7 +183,7 @@ class Rollout:
         feet: ``(B, T, 4, 3)`` foot positions [m].
         contacts: ``(B, T, 4)`` foot contacts.
         seen: The states ``(B, T, ...)`` as the robots measured them, with heights above their
-            ground if they have one; the same arrays if there is no noise and the ground is level.
+            ground if they have one; the same arrays as above without noise on level ground.
         torque: ``(B, T, 12)`` torque commanded by the driver [N m], clipped to the motor limit.
         expert_torque: ``(B, T, 12)`` torque of the expert where it was asked [N m]; the same array
             as ``torque`` if the expert was asked only where it drove.
@@ -344,7 +344,7 @@ class Rollout:
     def recording(self, keep: BoolArray, episode: IntArray) -> Frames:
         """The frames to keep and the ticks that policies remember there, episode by episode.
 
-        Policies remember the ticks of `LONGEST_HISTORY` before each kept frame, whoever drove. In
+        Policies remember the last `LONGEST_HISTORY` ticks before each kept frame, whoever drove. In
         episodes that continue from others, these include ticks of the others.
 
         Args:

@@ -270,7 +270,7 @@ def _plan(config: Config) -> PlanFunction:
     return _plan_of(config, content_hash(config.robot))
 
 
-# The content of a robot's files is part of the key, since the configuration has only their names.
+# The cache keys contain the content of a robot's files; the configuration has only their names.
 
 
 @lru_cache(maxsize=4)
