@@ -98,7 +98,7 @@ def plan_names(plan: PlanFunction) -> tuple[str, str]:
 
 
 def identity_of(plan: PlanFunction, robot: RobotModel, gaits: int = 1) -> ExpertIdentity:
-    """Return the identity of a plan function; this asks it for three plans, and one more per gait.
+    """Return the identity of a plan function; it is asked for three plans, and one per other gait.
 
     A function that raises, or gives no plan that an expert accepts, has an identity too: the kind
     of its error is kept as the failure.

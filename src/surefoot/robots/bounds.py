@@ -1,7 +1,7 @@
 """Bounds on how a robot stands: those of the safety table, and those beyond which it has fallen.
 
-Array code over B robots, below the gates, the rollouts and the initial states, which all ask it.
-Next: `robots.scaling` for the bounds that a robot has of its own, `safety.gates` for who asks.
+Array code over B robots, which the gates, the rollouts and the initial states all use. Read
+`robots.scaling` next for a robot's own bounds, and `safety.gates` for their use.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Rows = tuple[tuple[float, float], ...]
 def fallen(height: Array, q: Array, safety: SafetyConfig) -> BoolArray:
     """``(B,)`` True where base height, roll or pitch is that of a robot that has fallen.
 
-    Numbers that are not finite, of a simulation that has run away, are no standing robot's.
+    Numbers that are not finite, from a simulation that has run away, count as fallen.
 
     Args:
         height: ``(B,)`` heights of the base above the ground [m].
@@ -66,7 +66,7 @@ def table_bounds(safety: SafetyConfig) -> tuple[Array, Array]:
 
 
 def joint_rows(safety: SafetyConfig) -> Rows:
-    """The bounds of twelve joints [deg]: each its own, or those of a left front leg, mirrored.
+    """The bounds of twelve joints [deg]: given for each, or mirrored from the left front leg.
 
     Args:
         safety: The table.
@@ -87,7 +87,7 @@ def joint_rows(safety: SafetyConfig) -> Rows:
 
 
 def mirrored(sign: float, bounds: tuple[float, float]) -> tuple[float, float]:
-    """The bounds of a joint [deg], with another sign where it is -1."""
+    """The bounds of a joint [deg], with their signs changed if ``sign`` is -1."""
     low, high = sorted(sign * bound for bound in bounds)
     return low, high
 
@@ -96,8 +96,9 @@ def mirrored(sign: float, bounds: tuple[float, float]) -> tuple[float, float]:
 def outside(height: Array, q: Array, low: Array, high: Array) -> BoolArray:
     """``(B,)`` True where a number is outside its bounds or is not a number.
 
-    Compiled, because it is asked every tick. Roll and pitch are those of `State.roll_pitch` but for
-    the rounding of arctan and arcsin: a robot within 1e-15 rad of a bound may be judged otherwise.
+    Compiled, because it is called every tick. Roll and pitch are those of `State.roll_pitch` except
+    for the rounding of arctan and arcsin: a robot within 1e-15 rad of a bound may be judged
+    differently.
 
     Args:
         height: ``(B,)`` heights [m].
@@ -121,6 +122,6 @@ def outside(height: Array, q: Array, low: Array, high: Array) -> BoolArray:
 def _roll_pitch(up: rigid.Vector) -> tuple[float, float]:
     """Roll and pitch [rad] of a base that sees the vertical as ``up``."""
     sine = -up[0]
-    if abs(sine) > 1.0:  # by rounding; what is not a number stays so
+    if abs(sine) > 1.0:  # by rounding; NaN stays NaN
         sine = math.copysign(1.0, sine)
     return math.atan2(up[1], up[2]), math.asin(sine)

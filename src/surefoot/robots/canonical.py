@@ -1,11 +1,11 @@
-"""The package's own Pinocchio model of a robot: canonical names and order, nothing that is locked.
+"""The package's own Pinocchio model of a robot: canonical names and order, no locked joints.
 
-A description has names, an order and a structure of its own. Every joint that is not one of the
-twelve is locked, and a new model is built of what is left: legs FL, FR, HL, HR, each with links
-SHOULDER, UPPER_LEG, LOWER_LEG and FOOT, joints HAA, HFE, KFE. A foot is a frame of its lower leg,
-with the inertia of the description's foot link; where that or what it leaves of a lower leg is not
-the inertia of a body, it is part of the lower leg. Everything else of the package, the simulators
-included, is made from this model. Read `robots.load` next.
+A description has its own names, order and structure. Every joint that is not one of the twelve is
+locked, and a new model is built from what is left: legs FL, FR, HL, HR, each with links SHOULDER,
+UPPER_LEG, LOWER_LEG and FOOT, joints HAA, HFE, KFE. A foot is a frame of its lower leg, with the
+inertia of the description's foot link. If that inertia, or what it leaves of the lower leg, is not
+one that a body can have, the foot's inertia becomes part of the lower leg's. Everything else in the
+package, the simulators included, is made from this model. Read `robots.load` next.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ PARTS = ("SHOULDER", "UPPER_LEG", "LOWER_LEG")
 KINDS = ("HAA", "HFE", "KFE")
 """The names of a leg's joints: hip abduction, hip flexion, knee."""
 LEAST_MASS = 1e-9
-"""[kg] A link that weighs less has no mass."""
+"""[kg] A link that weighs less counts as having no mass."""
 
 
 def canonical_model(description: Description, spec: RobotSpec) -> pin.Model:
@@ -37,8 +37,8 @@ def canonical_model(description: Description, spec: RobotSpec) -> pin.Model:
         spec: The names of its joints and feet; armature and damping of its joints.
 
     Raises:
-        ValueError: A joint or a foot is missing, has another place in the tree or another type, or
-            a link has no mass or an impossible inertia.
+        ValueError: A joint or a foot is missing, has the wrong place in the tree or the wrong type,
+            or a link has no mass or an impossible inertia.
     """
     names = _joint_names(description, spec)
     source = _locked(description.model, names)
@@ -95,7 +95,7 @@ def joint_axes(model: pin.Model) -> Array:
 
 
 def _named(pattern: str, leg: str) -> str:
-    """The description's name of something of a leg."""
+    """The description's name of a part of a leg."""
     return pattern.replace("{leg}", leg)
 
 
@@ -119,7 +119,7 @@ def _joint_names(description: Description, spec: RobotSpec) -> list[str]:
 
 
 def _locked(model: pin.Model, names: list[str]) -> pin.Model:
-    """The model without all joints but these, which are locked at zero or the nearest angle."""
+    """The model with all joints but these locked, at zero or the nearest angle in their limits."""
     others = [joint for joint in range(2, model.njoints) if model.names[joint] not in names]
     if not others:
         return model
@@ -158,9 +158,9 @@ def _check_chains(
 def _own_inertia(
     description: Description, source: pin.Model, joint: int, foot: int | None
 ) -> pin.Inertia:
-    """The inertia of what a joint turns by itself, without its foot, in the joint's frame.
+    """The inertia of the links that hang on a joint directly, without the foot, in its frame.
 
-    Where it is that of a single link at the joint, it is the description's own, to the last bit.
+    If that is a single link at the joint, its inertia is the description's, to the last bit.
     """
     total = pin.Inertia.Zero()
     count = 0

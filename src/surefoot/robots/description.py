@@ -1,7 +1,7 @@
 """Reads a robot's URDF: finds the file, and makes Pinocchio's model of it, with all its joints.
 
-Everything that can be wrong with such a file is said in one sentence. Read `robots.canonical` next,
-which makes the package's own model of what is read here.
+Errors say in one sentence what is wrong with such a file. Read `robots.canonical` next, which makes
+the package's own model of what is read here.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from surefoot.types import Array
 MOST_BYTES = 20_000_000
 """[B] No URDF is larger; that of a humanoid takes 200 kB."""
 MOST_MASS = 10_000.0
-"""[kg] No link is heavier: such a number is a slip, and no simulator can use it."""
+"""[kg] No link is heavier: such a number is a mistake, and no simulator can use it."""
 MOST_INERTIA = 1e6
 """[kg m^2] No link has a larger moment of inertia, likewise."""
 LEAST_AXIS = 1e-6
-"""An axis that is shorter has no direction."""
+"""An axis shorter than this has no direction."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Description:
     Attributes:
         path: The file.
         model: Pinocchio's model with a free-flyer base, with all joints of the file.
-        inertias: The inertia of each link that has one, in its own frame, exactly as in the file:
-            Pinocchio adds up those of links that move together.
+        inertias: The inertia of each link that has one, in its own frame, exactly as in the file;
+            Pinocchio would add up those of links that move together.
     """
 
     path: Path
@@ -94,12 +94,12 @@ def read_description(spec: RobotSpec) -> Description:
 
     Raises:
         ValueError: The file is not there, too large, no URDF, or one that Pinocchio cannot read; or
-            a link or a joint, which is named, has numbers that are none of a body or a joint.
+            the numbers of a link or a joint, which the message names, are impossible.
         ImportError: The package ``example-robot-data`` is missing.
     """
     path = find_urdf(spec)
     root = read_urdf(path)
-    # Before Pinocchio, which takes numbers that it cannot read for zeros.
+    # This is before Pinocchio, which takes numbers that it cannot read as zeros.
     inertias = {}
     # Children of the robot only: elements of the same names in <gazebo> are not Pinocchio's.
     for link in root.findall("link"):
@@ -144,14 +144,14 @@ def read_urdf(path: Path) -> ElementTree.Element:
 
 @contextmanager
 def located(path: Path, element: ElementTree.Element) -> Iterator[None]:
-    """Say in errors about an element of a URDF which one it is, and of which file.
+    """Name the element and the file in errors about an element of a URDF.
 
     Args:
         path: The file.
         element: A link or a joint.
 
     Raises:
-        ValueError: What is done with the element raised one.
+        ValueError: The code inside raised an error.
     """
     try:
         yield
@@ -161,7 +161,7 @@ def located(path: Path, element: ElementTree.Element) -> Iterator[None]:
 
 
 def number(element: ElementTree.Element | None, key: str, default: float | None = None) -> float:
-    """Return the number that an attribute of an element is.
+    """Return an attribute of an element as a number.
 
     Args:
         element: The element; None has no attributes.
@@ -169,7 +169,7 @@ def number(element: ElementTree.Element | None, key: str, default: float | None 
         default: The number where there is no such attribute.
 
     Raises:
-        ValueError: It is not a number, or is missing without a default.
+        ValueError: The attribute is not a number, or is missing and has no default.
     """
     text = None if element is None else element.get(key)
     if text is None and default is not None:
@@ -185,7 +185,7 @@ def number(element: ElementTree.Element | None, key: str, default: float | None 
 
 
 def frame_id(description: Description, name: str, robot: str) -> int:
-    """Return the id of a frame: that of a link, where a joint has the same name.
+    """Return the id of a frame; if a link and a joint share the name, that of the link.
 
     Args:
         description: The description.
@@ -250,7 +250,8 @@ def _check_joint(joint: ElementTree.Element) -> None:
     """Check the numbers of a joint, as far as they belong to its type.
 
     Raises:
-        ValueError: It has no place, no axis, or limits that leave nothing between them.
+        ValueError: The joint has no valid place, no axis, no limits, or a lower limit above the
+            upper one.
     """
     origin = joint.find("origin")
     _three(origin, "xyz")
@@ -272,7 +273,7 @@ def _check_joint(joint: ElementTree.Element) -> None:
 
 
 def _limit_widely(joint: ElementTree.Element) -> None:
-    """Make a joint that turns forever one with limits that nothing reaches.
+    """Give a joint that turns without end limits that nothing reaches.
 
     Pinocchio gives a joint without limits two coordinates, its cosine and sine.
     """

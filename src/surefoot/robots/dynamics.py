@@ -1,9 +1,9 @@
 """Centroidal momentum and inverse dynamics of a floating base with four legs, as compiled code.
 
-All is written in the base frame about the base's origin, where a joint's axis a through a point o
-is the twist S = (o x a, a), and a body of mass m, first moment p and inertia I has the momentum
-(m v + w x p, p x v + I w) at the twist (v, w). With V the twist and h the momentum of a body and
-all that hangs on it, rotating joint j changes the momentum of all by
+Everything is written in the base frame about the base's origin, where a joint's axis a through a
+point o is the twist S = (o x a, a), and a body of mass m, first moment p and inertia I has the
+momentum (m v + w x p, p x v + I w) at the twist (v, w). With V the twist and h the momentum of a
+body and everything that hangs on it, rotating joint j changes the total momentum by
 
     d h / d q_j = S_j x* h_j - I_j (S_j x V_parent),
 
@@ -140,8 +140,8 @@ def inverse_dynamics(
 ) -> Array:
     """Return the generalized forces ``(T, 18)`` of a motion beyond its contact forces.
 
-    That is RNEA(q, v, a) - sum_j J_j^T f_j, which includes what the rotors need; the first six
-    columns are the base's wrench.
+    That is RNEA(q, v, a) - sum_j J_j^T f_j, which includes the torques for the rotors; the first
+    six columns are the base's wrench.
 
     Args:
         q: ``(T, 19)`` configurations.
@@ -161,7 +161,7 @@ def inverse_dynamics(
         X, Y, Z = rotation(q[t])
         to_contact = combine(1.0, combine(lever[0], X, lever[1], Y), lever[2], Z)
         base = (vector(v[t, :3]), vector(v[t, 3:6]))
-        # Gravity is an acceleration upward of everything.
+        # Gravity acts like an upward acceleration of everything.
         pull = (combine(1.0, vector(a[t, :3]), GRAVITY, Z), vector(a[t, 3:6]))
         total = _inertial_force(
             masses.base, vector(masses.base_moment), masses.base_inertia, base, pull
@@ -211,7 +211,7 @@ def _room() -> _Links:
 def _place_links(q: Array, legs: Legs, masses: Masses, links: _Links) -> None:
     """Write where the links are at the configuration ``q (19,)``, from the hips down."""
     for leg in range(4):
-        # Columns of the rotation of the link before.
+        # Columns of the rotation of the previous link.
         x = (1.0, 0.0, 0.0)
         y = (0.0, 1.0, 0.0)
         z = (0.0, 0.0, 1.0)
@@ -276,14 +276,14 @@ def _add(one: Twist, factor: float, other: Twist) -> Twist:
 
 @njit(cache=True, error_model="numpy")
 def _cross_motion(V: Twist, W: Twist) -> Twist:
-    """Return V x W: how a twist W changes that moves with V."""
+    """Return V x W: the rate of change of a twist W that moves with V."""
     lin = combine(1.0, cross(V[1], W[0]), 1.0, cross(V[0], W[1]))
     return lin, cross(V[1], W[1])
 
 
 @njit(cache=True, error_model="numpy")
 def _cross_force(V: Twist, f: Twist) -> Twist:
-    """Return V x* f: how a momentum or force f changes that moves with V."""
+    """Return V x* f: the rate of change of a momentum or force f that moves with V."""
     return cross(V[1], f[0]), combine(1.0, cross(V[1], f[1]), 1.0, cross(V[0], f[0]))
 
 

@@ -1,8 +1,8 @@
-"""Looks at a robot's description: what the package makes of it, and what is missing or odd.
+"""Examines a robot's description: what the package makes of it, and what is missing or odd.
 
-What no model can be made of is an error of `load_robot`. What is left is worth knowing: a limit
-that is missing, a mesh that cannot be read, a pose outside the limits. Read `cli.robot` next, which
-prints it.
+If no model can be made of a description, `load_robot` raises an error. The rest is worth knowing: a
+limit that is missing, a mesh that cannot be read, a pose outside the limits. Read `cli.robot` next,
+which prints it.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from surefoot.types import GRAVITY, JOINTS, LEGS
 UNEVEN = 0.005
 """[m] Feet of a standing robot that differ by more than this in height or sideways are odd."""
 LOADED = 0.6
-"""Standing should need no more of the torque limits than this."""
+"""Standing should need no more than this share of the torque limits."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class JointRow:
         high: Its largest angle [rad]; None if it has no limit.
         torque_limit: The torque limit [N m].
         speed_limit: The speed limit [rad/s]; None if it has none.
-        link_mass: Mass of what it turns by itself [kg].
+        link_mass: Mass that hangs on it directly [kg].
     """
 
     name: str
@@ -66,7 +66,7 @@ class RobotReport:
         urdf: The description.
         mass: The total mass [kg].
         size: Its ratios to Solo12, and its heights in the nominal pose.
-        own: The values that it has of its own: gains, heights, weights.
+        own: Its own values: gains, heights, weights.
         joints: All twelve joints, in canonical order.
         feet: Centers of the feet in the nominal pose: x, y from the base, z above the ground [m].
         remarks: What is missing or odd, in sentences.
@@ -83,7 +83,7 @@ class RobotReport:
 
 
 def examine_robot(config: RobotConfig) -> RobotReport:
-    """Load a robot, and say what there is to say of it.
+    """Load a robot, and report what the package makes of it.
 
     Args:
         config: Which robot.

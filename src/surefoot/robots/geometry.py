@@ -14,7 +14,7 @@ from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.types import LEGS, Array, IntArray, State
 
 POINT_DISTANCE = 0.02
-"""[m] The distance of the points that stand for the surface of a shape, at most."""
+"""[m] The largest distance between the points that stand for the surface of a shape."""
 RINGS = (0.0, 0.35, 0.7, 0.95)
 """The circles of points below a sphere, as shares of its radius."""
 SPOKES = 8
@@ -71,7 +71,7 @@ def undersides(robot: RobotModel, data: pin.Data, q: Array) -> tuple[Array, IntA
 
 
 def _between(start: Array, end: Array) -> Array:
-    """Points ``(n, 3)`` along a line, both ends included; one if they coincide."""
+    """Points ``(n, 3)`` along a line, both ends included; one point if they coincide."""
     length = float(np.linalg.norm(end - start))
     count = 1 + int(np.ceil(length / POINT_DISTANCE))
     return np.linspace(start, end, count)

@@ -1,8 +1,8 @@
-"""What tells one robot from another: a hash of its spec and of the content of its description.
+"""Tells one robot from another by a hash of its spec and of the content of its description.
 
-Two robots may have one name. What was made for one of them, such as initial states, keeps the hash.
-`content_hash` is of all files that a configured robot is loaded from: it tells a robot that is kept
-in memory from one whose files have changed.
+Two robots may have the same name, so what was made for one of them, such as initial states, keeps
+the hash. `content_hash` covers all files that a configured robot is loaded from: it tells a robot
+that is kept in memory from one whose files have changed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from surefoot.robots.load import find_profile, find_spec
 
 
 def description_hash(spec: RobotSpec) -> str:
-    """SHA-256 of a robot's spec and of the bytes of its URDF, wherever that lies.
+    """SHA-256 of a robot's spec and of the bytes of its URDF, wherever the file lies.
 
     Args:
         spec: The robot.
@@ -33,7 +33,7 @@ def description_hash(spec: RobotSpec) -> str:
 
 
 def content_hash(config: RobotConfig) -> str:
-    """SHA-256 of all that a configured robot is loaded from, wherever its files lie.
+    """SHA-256 of everything that a configured robot is loaded from, wherever its files lie.
 
     Args:
         config: Which robot.

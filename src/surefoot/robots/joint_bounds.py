@@ -1,6 +1,6 @@
 """The safety bounds of a robot's twelve joints: its own, from the nominal pose, or given ranges.
 
-Ranges are given for the left front leg, and hold for the others as its images. Next:
+Ranges are given for the left front leg, and mirrored for the others. Next:
 `robots.scaling.own_safety`, which joins them with the other bounds.
 """
 
@@ -24,8 +24,9 @@ def joint_bounds(robot: RobotModel) -> tuple[tuple[float, float], ...]:
     """Return the smallest and largest safe angle of each joint [deg], from the nominal pose.
 
     Abduction may turn a foot 30 degrees inward and 60 outward, flexion 45 either way, and a knee
-    from straight to 68 degrees more bent. That is the paper's Table I for Solo12, to a degree, and
-    holds for knees that bend either way and for joints of any sign.
+    may go from straight to 68 degrees more bent than in the nominal pose. For Solo12 that is the
+    paper's Table I, to a degree; it works for knees that bend either way and for joints of any
+    sign.
 
     Args:
         robot: The robot.
@@ -44,12 +45,12 @@ def joint_bounds(robot: RobotModel) -> tuple[tuple[float, float], ...]:
 
 
 def with_ranges(rows: Rows, safety: SafetyConfig, robot: RobotModel) -> Rows:
-    """Return the bounds of twelve joints [deg], with the ranges that are given in their place.
+    """Return the bounds of twelve joints [deg]: the given ranges, or else those in ``rows``.
 
     Args:
         rows: The bounds of joints whose range is None.
         safety: The ranges, of the left front leg.
-        robot: The robot, whose other legs are mirrored as its joints are.
+        robot: The robot, whose joints decide how the other legs are mirrored.
     """
     given = [vars(safety)[name] for name in RANGES]
     return tuple(
@@ -61,11 +62,12 @@ def with_ranges(rows: Rows, safety: SafetyConfig, robot: RobotModel) -> Rows:
 def mirror_signs(robot: RobotModel) -> Array:
     """Return ``(4, 3)`` -1 where the image of a joint of the left front leg turns the other way.
 
-    That is so where the joints' axes are opposed, or the legs bend to opposite sides.
+    This is the case if the joints' axes are opposed, or if the legs bend to opposite sides.
     """
     bent = np.sign(robot.nominal[7:].reshape(4, 3)[:, 2] - straight_knees(robot))
     axis = legs_of(robot).axis
-    # 1 where flexion and knee turn about axes that point the same way, and -1 where these oppose.
+    # 1 where flexion and knee turn about axes that point the same way, and -1 where they are
+    # opposed.
     alike = np.sign((axis[:, 1] * axis[:, 2]).sum(axis=1))
     signs = np.column_stack([outward_signs(robot), bent * alike, bent])
     return signs * signs[0]
@@ -102,6 +104,6 @@ def straight_knees(robot: RobotModel) -> Array:
         upper = upper - (upper @ axis) * axis
         lower = lower - (lower @ axis) * axis
         straight.append(np.arctan2(axis @ np.cross(lower, upper), lower @ upper))
-    # Of the angles that are a whole turn apart, the one on the nominal pose's side.
+    # Of the angles that are whole turns apart, take the one nearest to the nominal pose.
     away = robot.nominal[7:].reshape(4, 3)[:, 2] - straight
     return np.array(straight) + 2.0 * np.pi * np.round(away / (2.0 * np.pi))

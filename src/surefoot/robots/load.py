@@ -1,6 +1,6 @@
 """Loads a robot: from its name, its spec, or a JSON or TOML file with a spec.
 
-Read `robots.model` for what comes of it, `config.robot_table` for the robots of the package, and
+Read `robots.model` for the result, `config.robot_table` for the robots of the package, and
 `robots.canonical` for how a description becomes a model.
 """
 
@@ -26,9 +26,9 @@ from surefoot.types import LEGS, Array
 MOST_BYTES = 1_000_000
 """[B] No file with a spec is larger."""
 FREE_TRAVEL = 4 * np.pi
-"""[rad] A joint that may turn so far has no limits; URDFs cannot leave them out."""
+"""[rad] A joint that may turn this far counts as having no limits; URDFs cannot leave them out."""
 NO_LIMIT = 1000.0
-"""[N m, rad/s] URDFs write a torque or a speed limit of so much, or 0, where they know none."""
+"""[N m, rad/s] URDFs write a torque or a speed limit of this or more, or 0, if there is none."""
 
 
 def load_robot(robot: RobotConfig | RobotSpec | str | Path = "solo12") -> RobotModel:
@@ -110,7 +110,7 @@ def find_profile(config: RobotConfig) -> HardwareProfile | None:
 def with_profile(config: RobotConfig, which: str) -> RobotConfig:
     """Return the configuration of a robot with another hardware profile.
 
-    What a file holds is read now: the configuration depends on it no longer.
+    A file is read now, and the configuration no longer depends on it.
 
     Args:
         config: The configuration of the robot.
@@ -123,7 +123,7 @@ def with_profile(config: RobotConfig, which: str) -> RobotConfig:
 
 
 def holding_profile(config: RobotConfig, profile: HardwareProfile) -> RobotConfig:
-    """Return the configuration of a robot with a profile, by its name if the package has it.
+    """Return the configuration of a robot with a profile, by name alone if the package has it.
 
     Args:
         config: The configuration of the robot.
@@ -153,8 +153,8 @@ def contact_shapes(model: pin.Model, spec: RobotSpec) -> tuple[Shape, ...]:
 
     Mesh hulls are slow and differ between engines. A foot is a sphere around its frame, a leg two
     capsules, the base a box. An upper leg's capsule runs halfway between the planes in which its
-    two joints turn. A lower leg's stops one foot diameter short of the foot, so that a foot's force
-    is never a shin's.
+    two joints turn. A lower leg's stops one foot diameter short of the foot, so the force on a foot
+    is never taken for one on a shin.
 
     Args:
         model: The Pinocchio model, for the positions of knees and feet.
@@ -184,8 +184,8 @@ def contact_shapes(model: pin.Model, spec: RobotSpec) -> tuple[Shape, ...]:
 def _nominal(model: pin.Model, spec: RobotSpec) -> Array:
     """The nominal configuration ``(19,)``; right legs are the mirror images of left ones.
 
-    A rotation about the axis a is mirrored, in the plane between left and right, to the same one
-    about (-ax, ay, -az): so a joint whose axis is opposite to that turns the other way.
+    Mirrored in the plane between left and right, a rotation about the axis a is the same rotation
+    about (-ax, ay, -az), so a joint with the opposite axis turns the other way.
     """
     data = model.createData()
     J = pin.computeJointJacobians(model, data, pin.neutral(model))
@@ -225,7 +225,7 @@ def _check_pose(robot: RobotModel) -> None:
 
 
 def _check_lower_legs(description: Description, model: pin.Model, spec: RobotSpec) -> None:
-    """Check that the feet are not at the knees, as a foot named after the wrong link is.
+    """Check that no foot is at its knee, as it is if the spec names the wrong link.
 
     Args:
         description: The description, for the links that a foot could be.
@@ -233,8 +233,8 @@ def _check_lower_legs(description: Description, model: pin.Model, spec: RobotSpe
         spec: The names and sizes.
 
     Raises:
-        ValueError: A lower leg is no longer than the diameter of its foot, so that nothing is left
-            between them to touch the ground.
+        ValueError: A lower leg is no longer than the diameter of its foot, so nothing is left of it
+            that could touch the ground.
     """
     axes = joint_axes(model)
     source = description.model

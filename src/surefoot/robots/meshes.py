@@ -1,6 +1,6 @@
 """The meshes that pictures of a robot show; nothing else needs them.
 
-Pinocchio reads them, in any format that a URDF may name, and turns all into triangles.
+Pinocchio reads them, in any format that a URDF may name, and turns them all into triangles.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from surefoot.robots.model import RobotModel
 from surefoot.types import LEGS, Array, IntArray
 
 MOST_AREA = 5.0
-"""A mesh whose triangles have more than this times the area of its bounding box is a tangle: of
+"""A mesh whose triangles have more than this times the area of its bounding box is a tangle: in
 some COLLADA files with several parts, Pinocchio joins corners that do not belong together."""
 
 
@@ -40,9 +40,9 @@ class Mesh(NamedTuple):
 
 
 def visual_meshes(robot: RobotModel) -> list[Mesh]:
-    """Read the meshes of a robot's description; it takes seconds for some.
+    """Read the meshes of a robot's description, which takes seconds for some robots.
 
-    Where the meshes to look at are a tangle, those to collide with serve.
+    If the visual meshes are a tangle, the collision meshes are used instead.
 
     Args:
         robot: The robot.
@@ -58,10 +58,10 @@ def visual_meshes(robot: RobotModel) -> list[Mesh]:
 
 
 def missing_meshes(path: Path) -> tuple[int, list[str]]:
-    """Return how many meshes to look at a description has, and the names of those not there.
+    """Return how many visual meshes a description has, and the names of the missing ones.
 
     Args:
-        path: The description; what it calls packages are folders above it.
+        path: The description; the packages that it names are folders above it.
     """
     root = read_urdf(path)
     names = {mesh.get("filename", "") for mesh in root.iterfind("link/visual/geometry/mesh")}
@@ -75,7 +75,7 @@ def missing_meshes(path: Path) -> tuple[int, list[str]]:
 
 
 def _meshes(robot: RobotModel, kind: pin.GeometryType) -> list[Mesh]:
-    """The meshes of a robot's description of one kind."""
+    """The meshes of one kind in a robot's description."""
     description = read_description(robot.spec)
     packages = [str(folder) for folder in description.path.parents]
     source = description.model

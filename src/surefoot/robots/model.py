@@ -50,7 +50,7 @@ class RobotModel:
         shapes: What can touch the ground, the same in every simulator; the feet come first, in the
             order of ``LEGS``.
         enforce_speed_limit: Whether motors stop driving joints beyond their speed limits.
-        profile: What the electronics of an actual robot allow; None if nothing is known of them.
+        profile: What the electronics of a real robot allow; None if nothing is known about them.
         feet: ``(4,)`` ids of the foot frames, in the order of ``LEGS``.
         hips: ``(4,)`` ids of the HFE joints, in the order of ``LEGS``.
 

@@ -42,7 +42,7 @@ def load_profile(which: str, robot: str) -> HardwareProfile:
 
 
 def checked_profile(profile: HardwareProfile, robot: str) -> HardwareProfile:
-    """Return a profile, if it is one of the robot.
+    """Return a profile, if it belongs to the robot.
 
     Args:
         profile: The profile.

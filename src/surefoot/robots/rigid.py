@@ -1,9 +1,9 @@
 """The motion of a floating base and the positions of its feet, as compiled array code.
 
-Pinocchio has all of this, one configuration and one frame a call; the planner needs it at hundreds
-of configurations a plan, where the calls cost ten times as much as the arithmetic. The conventions
-are Pinocchio's: a displacement ``d (18,)`` moves ``q`` by the twist d[:6] (linear, angular) in the
-base frame.
+Pinocchio computes all of this too, for one configuration and one frame per call; the planner needs
+it at hundreds of configurations per plan, where the calls cost ten times as much as the arithmetic.
+The conventions are Pinocchio's: a displacement ``d (18,)`` moves ``q`` by the twist d[:6] (linear,
+angular) in the base frame.
 
 A twist is a dual vector w + e v, so the Jacobians of SO(3), 1 + x [w] + y [w]^2 with x, y functions
 of |w|, give those of SE(3) by differentiating with respect to w along v. Read `mpc.kinematics`
@@ -43,13 +43,13 @@ class Legs(NamedTuple):
 
 
 class Masses(NamedTuple):
-    """Mass, first moment of mass and inertia of what moves, base frame, joints at zero.
+    """Masses, first moments of mass and inertias of base and links, base frame, joints at zero.
 
     Attributes:
         base: The mass of the base [kg].
         base_moment: ``(3,)`` mass times center of mass of the base [kg m].
-        link: ``(4, 3)`` mass of what each joint turns by itself [kg].
-        link_moment: ``(4, 3, 3)`` mass times center of mass of each of them [kg m].
+        link: ``(4, 3)`` mass that hangs on each joint directly [kg].
+        link_moment: ``(4, 3, 3)`` mass times center of mass of each of these [kg m].
         base_inertia: ``(3, 3)`` inertia of the base about its origin [kg m^2].
         link_inertia: ``(4, 3, 3, 3)`` inertia of each link about its joint's ``center`` in `Legs`
             [kg m^2].
@@ -101,7 +101,7 @@ def masses_of(robot: RobotModel) -> Masses:
     )
 
 
-# `nogil`: whole episodes are worked on beside a thread that drives a robot.
+# `nogil`: whole episodes are processed while another thread drives a robot.
 @njit(cache=True, error_model="numpy", nogil=True)
 def feet(q: Array, legs: Legs) -> tuple[Array, Array]:
     """Return the foot positions and their Jacobians at T configurations.

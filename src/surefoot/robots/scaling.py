@@ -1,10 +1,11 @@
 """What follows from a robot's size: gains, heights, weights, times and the safety table.
 
-Two numbers, against Solo12: r, the ratio of masses, and s, the ratio of leg lengths (hip to foot in
-the nominal pose). Forces go with r, lengths with s, times and speeds with sqrt(s): so stiffness
-goes with r s, damping with r s^1.5. What the planner weighs per robot, the momentum, is weighed per
-mass. `with_own_values` puts these in where a configuration has None; the `Tuning` of a
-spec takes precedence. Measured on robots of 13 to 87 kg, which trot with these at the first try.
+Two numbers compare a robot with Solo12: r, the ratio of masses, and s, the ratio of leg lengths
+(hip to foot in the nominal pose). Forces scale with r, lengths with s, times and speeds with
+sqrt(s), so stiffness scales with r s, and damping with r s^1.5. The planner's weight on the
+momentum per mass is the same for all robots. `with_own_values` puts these in where a configuration
+has None; the `Tuning` of a spec takes precedence. Robots of 13 to 87 kg trotted with these values
+at the first try.
 """
 
 from __future__ import annotations
@@ -61,11 +62,11 @@ REFERENCE_LEG = 0.2229
 COM_SHARE = 0.92
 """The height of the center of mass in a gait, over that in the nominal pose (measured)."""
 PUSH = (0.3, 1.5)
-"""[N s] The smallest and the largest push of a Solo12 that teach: 0.12 to 0.6 m/s."""
+"""[N s] The smallest and the largest push used to teach a Solo12: 0.12 to 0.6 m/s."""
 EXPERT_PUSH = (0.5, 3.0)
-"""[N s] The smallest and the largest push of a Solo12 that the expert shows how to recover from."""
+"""[N s] The smallest and the largest push from which the expert shows a Solo12 how to recover."""
 PUSH_LEVEL = 0.2
-"""[N s] The distance between two levels of the pushes that a Solo12 is tested with."""
+"""[N s] The distance between two levels of the pushes that test a Solo12."""
 OWN_BOUNDS = ("com_height", "roll_pitch", *RANGES, "fall_height")
 """The bounds of `SafetyConfig` that may be None."""
 DIGITS = 4
@@ -80,7 +81,7 @@ class Size:
         mass_ratio: r, its mass over Solo12's.
         length_ratio: s, the height of its hips above its feet over Solo12's.
         com_height: Height of its center of mass when it stands in the nominal pose [m].
-        base_height: Height of its base then [m].
+        base_height: Height of its base in that pose [m].
     """
 
     mass_ratio: float
@@ -91,7 +92,7 @@ class Size:
 
 @dataclass(frozen=True)
 class OwnValues:
-    """The values that a robot has of its own: those of its `Tuning`, or those of its size.
+    """A robot's own values: those of its `Tuning`, or those that follow from its size.
 
     Attributes:
         kp: Stiffness of the PD on a plan [N m/rad].
@@ -140,7 +141,7 @@ def size_of(robot: RobotModel) -> Size:
 
 
 def own_values(robot: RobotModel) -> OwnValues:
-    """Return the values of a robot that a configuration stands for with None.
+    """Return the robot's own values, which replace None in a configuration.
 
     Args:
         robot: The robot.
@@ -166,7 +167,7 @@ def own_values(robot: RobotModel) -> OwnValues:
 
 
 def _scaled(own: float | None, reference: float | None, factor: float) -> float:
-    """A robot's own value if it has one, and else a reference times a factor, rounded."""
+    """A robot's own value if it has one, or else a reference times a factor, rounded."""
     if own is not None:
         return own
     return float(f"{known(reference, SOLO12.tuning.section) * factor:.{DIGITS}g}")
@@ -186,8 +187,8 @@ def own_height(gait: Gait, robot: RobotModel) -> float:
 def own_expert(expert: ExpertConfig, robot: RobotModel, gait: Gait | None = None) -> ExpertConfig:
     """Return an expert's configuration with the robot's own values in place of None.
 
-    Command gains that are neither given nor measured are those of Solo12's trot for that, and else
-    1. Rules that are not given are Solo12's first ones for it, and the all-round ones for others.
+    Command gains that are neither given nor measured are Solo12's for its trot, and 1 otherwise.
+    Rules that are not given are the first ones for Solo12's trot, and the all-round ones otherwise.
 
     Args:
         expert: The configuration.
@@ -231,8 +232,8 @@ def own_safety(safety: SafetyConfig, com_height: float, robot: RobotModel) -> Sa
     """Return the bounds with a robot's own in place of None.
 
     See `joint_bounds` for the joints; the center of mass may sink to three quarters of its height
-    in the gait, and a robot whose base is below half of that has fallen. For Solo12 these are the
-    paper's, `TABLE_I`.
+    in the gait, and a robot whose base is below half of that height in the gait has fallen. For
+    Solo12 these are the paper's, `TABLE_I`.
 
     Args:
         safety: The bounds that are configured.
@@ -257,7 +258,8 @@ def own_pushes(
 ) -> DisturbanceConfig:
     """Return the disturbances with pushes of the robot's own size in place of None.
 
-    Those of Solo12 teach the most; the same change of velocity takes an impulse by the mass.
+    Solo12's pushes are those that teach the most. The impulse for the same change of velocity is
+    proportional to the mass.
     """
     ratio = size_of(robot).mass_ratio
     strong = by_mass(EXPERT_PUSH, ratio)
@@ -266,18 +268,18 @@ def own_pushes(
 
 
 def by_mass(impulse: tuple[float, float], ratio: float) -> tuple[float, float]:
-    """The impulses [N s] that change the velocity of a robot as these do that of a Solo12."""
+    """The impulses [N s] that change a robot's velocity as much as these change a Solo12's."""
     low, high = (_scaled(None, value, ratio) for value in impulse)
     return low, high
 
 
 def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
-    """Return the configuration with what follows from its robot, gait and commands for None.
+    """Return the configuration with None replaced by what follows from robot, gait and commands.
 
     What has to be measured stays None: the command gains of all but Solo12's trot, and the initial
-    states of all but its trot straight ahead (`scenarios.prepare`). A file that the configuration
-    names as its robot is read, and its spec takes the file's place: what comes back depends on no
-    file but the robot's description. Each of several gaits gets its own (`for_each_gait`).
+    states of all but its trot straight ahead (`scenarios.prepare`). If the configuration names a
+    file as its robot, the spec in the file takes the file's place, so the result depends on no file
+    except the robot's description. Each of several gaits gets its own values (`for_each_gait`).
 
     Args:
         config: The configuration.
@@ -288,7 +290,7 @@ def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
 
 
 def _with_own(config: Config, robot: RobotModel) -> Config:
-    """The same of a configuration of one gait."""
+    """The same for a configuration of one gait."""
     gait = own_gait(config.gait, robot)
     expert = own_expert(with_rules(config).expert, robot, gait)
     if config.expert.command_gain is None and not is_solo12_trot(config):
@@ -315,10 +317,10 @@ def _with_own(config: Config, robot: RobotModel) -> Config:
 
 
 def _own_robot(robot: RobotConfig, model: RobotModel) -> RobotConfig:
-    """The robot's configuration, with what it found in files, and its torque limit.
+    """The robot's configuration, with what was read from files, and its torque limit.
 
-    A limit that is the same for all joints is written as one number, as it always was; that of a
-    hardware profile is not the robot's own, and is not written.
+    A limit that is the same for all joints is written as one number, as it always was. The limit of
+    a hardware profile is not the robot's own, and is not written.
     """
     spec = robot.spec
     if spec is None and robot.model not in ROBOTS:

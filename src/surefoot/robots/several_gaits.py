@@ -1,7 +1,7 @@
-"""What is made for one gait, made for a configuration of any number of them.
+"""Applies what is made for one gait to a configuration of any number of gaits.
 
-Robots of several gaits share one table of safety bounds, which holds those of each of them. Read
-`robots.scaling` and `scenarios.gaits` next, which make things for each gait with this.
+The gaits of a robot share one table of safety bounds, which contains the tables of all of them.
+Read `robots.scaling` and `scenarios.gaits` next, which make things for each gait with this.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from surefoot.robots.bounds import joint_rows
 
 
 def for_each_gait(function: Callable[[Config], Config], config: Config) -> Config:
-    """What a function that takes one gait makes of a configuration of any number of them.
+    """Apply a function that takes one gait to a configuration of any number of gaits.
 
     Args:
-        function: It fills in what a configuration of one gait leaves open.
+        function: The function, which fills in what a configuration of one gait leaves open.
         config: The configuration.
 
     Returns:
         The configuration with gait, expert and initial states of each gait as the function gave
-        them, with bounds that hold all of theirs, and all else as the function gave it for the
-        first gait.
+        them, with bounds that contain those of all gaits, and everything else as the function gave
+        it for the first gait.
     """
     each = [function(one) for one in each_gait(config)]
     if len(each) == 1:
@@ -36,7 +36,7 @@ def for_each_gait(function: Callable[[Config], Config], config: Config) -> Confi
 
 
 def envelope(bounds: Sequence[SafetyConfig]) -> SafetyConfig:
-    """The tightest table that holds all of some tables, with everything else as in the first.
+    """The tightest table that contains all of the given tables, with all else as in the first.
 
     Args:
         bounds: The tables of at least one gait, without None.
@@ -62,6 +62,6 @@ def envelope(bounds: Sequence[SafetyConfig]) -> SafetyConfig:
 
 
 def _hull(intervals: Sequence[tuple[float, float]]) -> tuple[float, float]:
-    """The shortest interval that holds all of some intervals."""
+    """The shortest interval that contains all of the given intervals."""
     low, high = zip(*intervals, strict=True)
     return min(low), max(high)

@@ -1,9 +1,9 @@
 """The mirrors of a robot: which joint becomes which, and which way it then turns.
 
-A joint that turns by an angle about an axis a is seen in the mirror D as one that turns by the same
-angle about -D a. Whether the joint that takes its place turns about that axis or about its opposite
-gives the sign, so a robot's description says all. `learning.symmetry` mirrors frames by these
-arrays.
+In the mirror D, a joint that turns by an angle about an axis a looks like one that turns by the
+same angle about -D a. The joint that takes its place turns about that axis or about its opposite,
+which gives the sign, so a robot's description determines everything. `learning.symmetry` mirrors
+frames with these arrays.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ EXCHANGED: dict[MirrorName, tuple[int, int, int, int]] = {
 }
 """For each leg of the image, in the order of ``LEGS``, the leg that it shows."""
 TOLERANCE = 1e-3
-"""[m] Feet and center of mass of a mirror image may differ by as much from the robot's own."""
+"""[m] Feet and center of mass of a mirror image may differ by this much from the robot's own."""
 _POSES = 20
 """Poses in which feet and center of mass are compared."""
 
@@ -39,7 +39,7 @@ class BodyMirror(NamedTuple):
     Attributes:
         reflection: ``(3,)`` signs of the coordinates of a point.
         legs: ``(4,)`` for each leg of the image, the leg of the robot that it shows.
-        joints: ``(12,)`` the same of the joints.
+        joints: ``(12,)`` the same for the joints.
         signs: ``(12,)`` sign of each joint of the image.
     """
 
@@ -87,7 +87,7 @@ def body_mirror(robot: RobotModel, name: MirrorName) -> BodyMirror:
 def _largest_difference(
     robot: RobotModel, reflection: Array, legs: IntArray, joints: IntArray, signs: Array
 ) -> float:
-    """The largest distance between feet or center of mass of the image and those mirrored [m]."""
+    """The largest difference of the image's feet or center of mass from the mirrored ones [m]."""
     rng = np.random.default_rng(0)
     q = np.tile(robot.nominal, (_POSES, 1))
     q[:, :3] = 0.0

@@ -1,9 +1,9 @@
 """Gates: which states are unsafe, so that the expert has to drive.
 
 A `Gate` is asked once a tick about B robots. `Bounds` applies the paper's Table I, `AnyOf` combines
-several gates, and learned gates are in ``learned.py``. `unsafe` and `margin` are the table as plain
-functions. Read next: ``monitor.py``, which adds the blocking of Algorithm 4; `robots.bounds` has
-the arithmetic.
+several gates, and learned gates are in ``learned.py``. `unsafe` and `margin` apply the table as
+plain functions. Read ``monitor.py`` next, which adds the blocking of Algorithm 4; `robots.bounds`
+has the arithmetic.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ class Gate(Protocol):
         """``(B,)`` True where a state is unsafe; called once a tick.
 
         Args:
-            state: States of B robots: without noise in a training, or else as they measure them.
+            state: States of B robots: without noise in training, and otherwise as the robots
+                measure them.
             tick: ``(B,)`` gait clock [ms].
             command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         """
@@ -47,7 +48,7 @@ class Bounds:
 
     def __init__(self, config: SafetyConfig) -> None:
         self._config = config
-        table_bounds(config)  # a table with missing values is refused at once
+        table_bounds(config)  # refuses a table with missing values at once
 
     def reset(self, batch: int) -> None:
         """Do nothing: this gate has no memory."""
@@ -78,7 +79,7 @@ class AnyOf:
             gate.reset(batch)
 
     def unsafe(self, state: State, tick: IntArray, command: Array) -> BoolArray:
-        """``(B,)`` True where any gate says so. Every gate is asked: it may have a memory.
+        """``(B,)`` True where any gate says so. Every gate is asked, since it may have a memory.
 
         Raises:
             ValueError: The answer of a gate is not a boolean array ``(B,)``.

@@ -1,13 +1,14 @@
 """Learned gates: networks that call a state unsafe, for a `SafetyMonitor` (``monitor.py``).
 
-`Deviation` is SafeDAGGER's: it predicts from the state that the policy deviates from the expert.
-`History` is the paper's future work: it predicts from the last 100 ms that the bounds will be left
-within 0.3 s, so that the expert takes over earlier. It is trained on the traces of
-rollouts (``rollouts/traces.py``): what robots measured while a policy drove.
+`Deviation` is SafeDAGGER's: it predicts from the state whether the policy deviates from the expert.
+`History` is the paper's future work: it predicts from the last 100 ms whether the bounds will be
+left within 0.3 s, so that the expert can take over earlier. It is trained on the traces of rollouts
+(``rollouts/traces.py``): what robots measured while a policy drove.
 
-Both need the full state with the height and the linear velocity of the base, as the bounds need the
-height of the center of mass: they watch a robot in training, whose state is known. Which layout the
-policy has makes no difference to them; on a robot without an estimator they have no input.
+Both need the full state, with the height and the linear velocity of the base, just as the bounds
+need the height of the center of mass: they watch a robot in training, whose state is known. The
+policy's layout makes no difference to them. On a robot without a state estimator they have no
+input.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class _LearnedGate:
     """
 
     row_size: ClassVar[int] = INPUT_SIZE
-    """Numbers in a row, and so the inputs of its classifier."""
+    """The size of a row, which is the number of inputs of the classifier."""
 
     def __init__(self, classifier: Classifier, spec: ObservationSpec, alarm: float) -> None:
         self._classifier = classifier

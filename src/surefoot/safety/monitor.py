@@ -58,7 +58,7 @@ class SafetyMonitor:
         violation = one_flag_each(answer, len(self._since), self._gate)
         if not self._any_blocked and not np.count_nonzero(violation):
             return violation
-        # Ticks that nobody saw, on a robot, are over all the same.
+        # Ticks that the monitor missed, on a real robot, count as well.
         clock = np.where(self._since >= 0, tick - self._since, -1)
         if self._hand_back == "every_violation_restarts":
             clock[violation] = 0

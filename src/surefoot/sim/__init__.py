@@ -25,12 +25,12 @@ def make_simulator(
     Args:
         robot: The robot.
         batch: The number of robots B.
-        config: The physics engine and its settings; the defaults if it is None. Its terrain names
-            what episodes draw their ground from (`scenarios.ground`), and lays none here.
+        config: The physics engine and its settings; the defaults if it is None. Its terrain is only
+            what episodes draw their ground from (`scenarios.ground`); it lays no ground here.
         ground: The ground of each robot; None is the plane z = 0.
 
     Raises:
-        ValueError: ``batch`` is not positive, or the ground is that of another number of robots.
+        ValueError: ``batch`` is not positive, or the ground is for another number of robots.
         ImportError: The physics engine is missing.
     """
     config = config or SimulationConfig()

@@ -1,10 +1,10 @@
 """The PyBullet backend, the paper's simulator: one physics client per robot, nothing shared.
 
-What PyBullet measures of a robot is read after each tick, in PyBullet's own convention, and turned
+PyBullet's numbers for each robot are read after each tick, in PyBullet's own convention, and turned
 into a ``State`` for the whole batch at once: ``to_bullet`` and ``from_bullet`` are the only layout
 conversions. A walking robot's tick costs about four times MuJoCo's, two thirds of it inside
-``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``sim.protocol`` first,
-and ``urdf`` for the model.
+``stepSimulation``; a client takes 28 MB and a reset 7 ms. Read ``sim.protocol`` first, and ``urdf``
+for the model.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ def from_bullet(q: Array, v: Array) -> tuple[Array, Array]:
 
 @njit(cache=True)
 def _within(numbers: Array, limit: float) -> BoolArray:
-    """``(B,)`` False where one of the numbers ``(B, n)`` is NaN or beyond a limit, either way."""
+    """``(B,)`` False where one of the numbers ``(B, n)`` is NaN or exceeds a limit in size."""
     within = np.ones(len(numbers), np.bool_)
     for robot in range(len(numbers)):
         for i in range(numbers.shape[1]):
@@ -132,11 +132,11 @@ class BulletSimulator:
             robot: The robot.
             batch: The number of robots B.
             config: The settings of the contacts; the defaults if it is None.
-            ground: The ground of each robot; None is the plane z = 0. A height field takes 1.4 s
-                in every reset, and as long as seconds of walking.
+            ground: The ground of each robot; None is the plane z = 0. A height field adds 1.4 s to
+                every reset, as much as simulating seconds of walking.
 
         Raises:
-            ValueError: The robot's joints have an armature, which PyBullet does not know.
+            ValueError: The robot's joints have an armature, which PyBullet does not support.
             RuntimeError: PyBullet has no room for so many robots in one process.
         """
         if robot.model.armature.any():
@@ -178,7 +178,7 @@ class BulletSimulator:
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, 18)))
 
     def _build(self, row: int) -> int:
-        """Build a new world for one robot: nothing of what was simulated before is left."""
+        """Build a new world for one robot, so nothing is left of what was simulated before."""
         client = self.clients[row]
         pybullet.resetSimulation(physicsClientId=client)
         pybullet.setPhysicsEngineParameter(
@@ -196,7 +196,7 @@ class BulletSimulator:
         floor = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
         friction = float(self._friction[row])
         set_friction(client, floor, friction)
-        # Without a flag for it, links of a robot do not touch each other.
+        # Unless a flag allows it, the links of a robot do not touch each other.
         body = pybullet.loadURDF(
             str(self._urdf), flags=pybullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client
         )
@@ -206,11 +206,11 @@ class BulletSimulator:
                 body,
                 link,
                 mass=self._mass[row] * mass,
-                # A new mass alone would bring the inertia of the collision shape.
+                # A new mass alone would replace the inertia by that of the collision shape.
                 localInertiaDiagonal=[self._mass[row] * moment for moment in inertia],
                 physicsClientId=client,
             )
-        # Together with these PyBullet would give the mass of any link to the base.
+        # If these were set in the same calls, PyBullet would give the mass of any link to the base.
         pybullet.changeDynamics(
             body,
             -1,
@@ -286,7 +286,7 @@ class BulletSimulator:
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""
         rows = ~self._blown_up if mask is None else mask & ~self._blown_up
-        # What is not a number must not reach PyBullet's collision detection.
+        # Numbers that are not finite must not reach PyBullet's collision detection.
         finite = np.isfinite(torque).all(axis=1) & np.isfinite(self._push).all(axis=1)
         self._blown_up |= rows & ~finite
         torques = torque.tolist()
@@ -302,7 +302,7 @@ class BulletSimulator:
         self._state = None
 
     def _tick(self, row: int, torque: list[float]) -> None:
-        """Advance one robot, and read what it did."""
+        """Advance one robot, and read its new state."""
         client = self.clients[row]
         body = self.body
         pybullet.setJointMotorControlArray(

@@ -36,7 +36,7 @@ def lay_ground(client: int, floor: int, ground: Ground, friction: float) -> None
 
     Args:
         client: PyBullet's ``physicsClientId``.
-        floor: PyBullet's id of the plane, which is around a height field.
+        floor: PyBullet's id of the plane, which surrounds a height field.
         ground: The ground of one robot.
         friction: The coefficient of friction.
     """
@@ -44,15 +44,15 @@ def lay_ground(client: int, floor: int, ground: Ground, friction: float) -> None
     x, y, z = ground.origin[0].tolist()
     yaw = float(ground.yaw[0])
     plane = is_plane(terrain)
-    # To rise along x is to turn about -y.
+    # A rise along x is a rotation about -y.
     turn = pybullet.getQuaternionFromEuler([0.0, -incline(terrain), yaw])
     place = [x, y, z if plane else z - APRON]
     pybullet.resetBasePositionAndOrientation(floor, place, turn, physicsClientId=client)
     if plane:
         return
     heights = terrain.high * height_field(terrain.kind, terrain.seed)
-    # PyBullet divides cells along the other diagonal, and puts the middle of all heights at 0: of a
-    # field that is turned by 90 degrees the diagonals are the right ones.
+    # PyBullet divides cells along the other diagonal, so the field is turned by 90 degrees to get
+    # the right one. It also puts the middle between the lowest and the highest point at 0.
     turned = heights[:, ::-1].T
     shape = pybullet.createCollisionShape(
         pybullet.GEOM_HEIGHTFIELD,

@@ -2,9 +2,10 @@
 
 One tick is the second half of MuJoCo's step (forces, acceleration, integration) under the torques,
 followed by the first half (kinematics, collisions) of the next: positions, center of mass and feet
-then belong to the new state at no extra cost, and foot forces to the tick just made. All that is
-read per tick lies in MuJoCo's state rows and sensors; the only layout conversions are
-``to_mujoco`` and ``from_mujoco``. Read ``sim.protocol`` first, and ``mujoco_model`` for the model.
+then belong to the new state at no extra cost, and foot forces to the tick just simulated.
+Everything that is read per tick is in MuJoCo's state rows and sensors; the only layout conversions
+are ``to_mujoco`` and ``from_mujoco``. Read ``sim.protocol`` first, and ``mujoco_model`` for the
+model.
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ def _read(
     ground: Array,
     threshold: float,
 ) -> tuple[Array, Array, Array, Array, BoolArray, BoolArray]:
-    """Copy the state of B robots from MuJoCo's arrays; one call, because it is made every tick.
+    """Copy the state of B robots from MuJoCo's arrays, in one call because every tick needs it.
 
     Args:
         qpos: ``(B, 19)`` MuJoCo's positions.
@@ -93,12 +94,12 @@ def _read(
         force: ``(B, 4)`` normal force on each foot [N].
         feet: ``(B, 12)`` foot positions, world frame [m].
         com: ``(B, 3)`` center of mass, world frame [m].
-        ground: ``(B, 3)`` force between robot and ground, either way, world frame [N].
-        threshold: What carries more than this is in contact [N].
+        ground: ``(B, 3)`` force between robot and ground, in either direction, world frame [N].
+        threshold: A part that carries more than this is in contact [N].
 
     Returns:
         The fields of a ``State``, and ``(B,)`` True where all parts but the feet together are in
-        contact: on level ground they carry what the feet leave of the vertical force.
+        contact: on level ground they carry the part of the vertical force that the feet do not.
     """
     B = len(qpos)
     q, v = from_mujoco(qpos, qvel)
@@ -121,7 +122,7 @@ def _rest_carries(ground: Array, feet: Array, threshold: float) -> BoolArray:
     """``(B,)`` True where all parts but the feet carry more than a force, on any ground.
 
     Args:
-        ground: ``(B, 3)`` force between robot and ground, either way, world frame [N].
+        ground: ``(B, 3)`` force between robot and ground, in either direction, world frame [N].
         feet: ``(B, 12)`` the part of it at each foot [N].
         threshold: The force [N].
     """
@@ -180,7 +181,7 @@ class MujocoSimulator:
         self._qvel: Array = self.simulations.bind("qvel")
         self._sensors: Array = self.simulations.bind("sensordata")
         self._applied: Array = self.simulations.bind("qfrc_applied")
-        # The second number of a warning is how often it came since the reset.
+        # The second number of a warning is how often it occurred since the reset.
         self._bad_numbers = self.simulations.warning[:, _BAD_NUMBERS, 1]
         self._blown_up: BoolArray = np.zeros(batch, dtype=bool)
         self._pushed = False
@@ -193,7 +194,7 @@ class MujocoSimulator:
         self.reset(np.tile(standing(robot), (batch, 1)), np.zeros((batch, self.model.nv)))
 
     def _lay(self, ground: Ground) -> None:
-        """Give each robot the ground that is its own; resets leave it where it is."""
+        """Put the ground of each robot in place; resets leave it there."""
         planes, fields = ground_poses(ground)
         position = self.simulations.expand("body_pos")
         turn = self.simulations.expand("body_quat")
@@ -239,7 +240,7 @@ class MujocoSimulator:
     def _apply(self, friction: Array, mass: Array, rows: BoolArray) -> None:
         """Write friction and mass factors into the models of the robots in ``rows``."""
         base = self.model.body("base_link").id
-        # Of the friction of two geoms MuJoCo takes the larger, so all have the same.
+        # MuJoCo takes the larger friction of two geoms, so all get the same.
         self.simulations.expand("geom_friction")[rows, :, 0] = friction[rows, None]
         masses = self.simulations.expand("body_mass")[:, base]
         masses[rows] = mass[rows] * self.model.body_mass[base]
@@ -266,7 +267,7 @@ class MujocoSimulator:
         except SimulationError as error:
             # MuJoCo refused these robots (for lack of memory, say) and stepped all the others.
             self._blown_up[error.ids] = True
-        # Every way into numbers that are not finite passes one of these warnings.
+        # Numbers cannot become infinite or NaN without one of these warnings.
         if np.count_nonzero(self._bad_numbers):
             self._blown_up |= self._bad_numbers.any(axis=1)
         if self._pushed:

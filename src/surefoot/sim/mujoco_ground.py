@@ -1,8 +1,8 @@
 """The ground in a MuJoCo model: a plane, and the height fields of the robots that need one.
 
-Robots of a batch share a model, but not the ground: its parts are on bodies that each simulation
-puts where its own lies (`ground_poses`), and each names the height field that is its own. Read
-`sim.terrain` first, and `sim.mujoco_model` next, which builds the rest of a model.
+Robots of a batch share a model, but not the ground. Its parts are on bodies that each simulation
+moves to where its own ground lies (`ground_poses`), and each simulation selects its own height
+field. Read `sim.terrain` first, and `sim.mujoco_model` next, which builds the rest of a model.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ from surefoot.sim.terrain import (
 from surefoot.types import Array
 
 FLOOR = "floor"
-"""The plane on which a robot walks, or the one around a height field."""
+"""The plane on which a robot walks, or that surrounds a height field."""
 FIELD = "field"
 """On a `Ground`: the height field of a robot. Robots of a batch have one each."""
 AWAY = -1000.0
-"""[m] The height of a height field that a robot does not need."""
+"""[m] Where a height field is put that a robot does not need."""
 
 
 def set_contact(geom: mujoco.MjsGeom, config: SimulationConfig, is_ground: bool) -> None:
     """Give a geom the settings of its contacts.
 
-    Two geoms meet if the type of one is in the affinity of the other: robot and ground only. Of the
-    friction of two geoms MuJoCo takes the larger; equal values need no rule.
+    Two geoms collide if the type of one is in the affinity of the other, so only robot and ground
+    do. MuJoCo takes the larger friction of two geoms; with equal values that makes no difference.
 
     Args:
         geom: The geom.
@@ -66,16 +66,17 @@ def add_floor(body: mujoco.MjsBody, config: SimulationConfig) -> None:
 def add_ground(spec: mujoco.MjSpec, ground: Ground, config: SimulationConfig) -> None:
     """Add a plane and, if a robot needs one, the height fields of all robots.
 
-    Both are on bodies that each simulation can put where it wants (mocap). One geom stands for all
-    fields, because each simulation names its own field; the highest gives the geom its bounds.
+    Both are on mocap bodies, which each simulation can put where it wants. One geom stands for all
+    fields, because each simulation selects its own field; the highest field gives the geom its
+    bounds.
 
     Args:
         spec: The model.
-        ground: The ground of the robots; as compiled, it is that of the first of them.
+        ground: The ground of the robots; the compiled model has that of the first robot.
         config: The friction and stiffness of the contacts.
     """
     planes, fields = ground_poses(ground)
-    # Compiled as that of the first robot.
+    # The compiled model has the ground of the first robot.
     body = spec.worldbody.add_body(name=FLOOR, mocap=True, pos=planes[0, :3], quat=planes[0, 3:])
     add_floor(body, config)
     terrains = fields_of(ground)
@@ -83,7 +84,7 @@ def add_ground(spec: mujoco.MjSpec, ground: Ground, config: SimulationConfig) ->
         return
     for number, terrain in enumerate(terrains):
         unit = height_field(terrain.kind, terrain.seed)
-        # What lies below the surface is solid down to this depth; elevations are shares of a size.
+        # Elevations are shares of `highest`; below its lowest point, the field is solid for 1 m.
         highest = max(terrain.high * unit.max(), 1e-6)
         spec.add_hfield(
             name=f"{FIELD}-{number}",
@@ -108,7 +109,7 @@ def keep_near(model: mujoco.MjModel, ground: Ground, points: Array, margin: floa
         model: A model from `build_model`, of one robot.
         ground: Its ground.
         points: ``(n, 2)`` points of the world [m].
-        margin: What lies farther than this from all of them is cut off, about [m].
+        margin: What lies farther than about this from all of them is cut off [m].
     """
     if not fields_of(ground):
         return
@@ -161,7 +162,7 @@ def ground_poses(ground: Ground) -> tuple[Array, Array]:
     for row, terrain in enumerate(ground.terrains):
         if is_plane(terrain):
             fields[row, 2] = AWAY
-            # To rise along x is to turn about -y.
+            # A rise along x is a rotation about -y.
             rise = -0.5 * incline(terrain)
             mujoco.mju_mulQuat(
                 planes[row, 3:], heading[row], np.array([np.cos(rise), 0.0, np.sin(rise), 0.0])

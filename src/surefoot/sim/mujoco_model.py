@@ -1,7 +1,8 @@
 """The MuJoCo model of a robot and its ground: built from its model and its contact shapes.
 
-Friction and stiffness of the contacts are set here, and the sensors that the backend reads per tick
-in place of further computation. Read ``sim.mujoco`` next, which simulates a batch of such models.
+Friction and stiffness of the contacts are set here, and so are the sensors that the backend reads
+in every tick instead of computing more. Read ``sim.mujoco`` next, which simulates a batch of such
+models.
 """
 
 from __future__ import annotations
@@ -55,8 +56,8 @@ def build_model(
         visual: True adds the description's meshes, a floor texture, sky, light and a camera that
             follows the robot (``"track"``). Without meshes, the shapes are shown. The physics is
             the same to the bit.
-        ground: The ground of the robots that are simulated with this model; see `sim.mujoco`. As
-            compiled, it is that of the first of them. None is a floor at z = 0.
+        ground: The ground of the robots that are simulated with this model; see `sim.mujoco`. The
+            compiled model has that of the first robot. None is a floor at z = 0.
     """
     config = config or SimulationConfig()
     spec = mujoco.MjSpec()
@@ -80,8 +81,8 @@ def build_model(
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     option.impratio = config.impratio
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
-    # Auto-reset would put a robot that blew up back to its start and say nothing. Islands only
-    # cost time for one robot.
+    # Auto-reset would silently put a robot that blew up back to its start. With one robot, islands
+    # only cost time.
     disable = mujoco.mjtDisableBit
     option.disableflags = int(disable.mjDSBL_AUTORESET) | int(disable.mjDSBL_ISLAND)
     return spec.compile()
@@ -143,7 +144,7 @@ def _add_meshes(spec: mujoco.MjSpec, robot: RobotModel) -> bool:
     """Add the description's meshes, for pictures: they have no mass and touch nothing.
 
     Returns:
-        False if there is none; a mesh that is missing or cannot be read leaves none.
+        False if no mesh was added: there are none, or one is missing or cannot be read.
     """
     try:
         meshes = visual_meshes(robot)
@@ -192,14 +193,14 @@ def _add_shapes(
 def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel, uneven: bool) -> None:
     """Add the sensors that the slices above name, in their order.
 
-    On level ground a touch sensor says what a foot leaves to the other parts, at no cost; elsewhere
-    the forces of feet are vectors.
+    On level ground the touch sensors of the feet also show what the other parts carry, at no cost;
+    on uneven ground this takes the forces on the feet as vectors.
     """
     site = mujoco.mjtObj.mjOBJ_SITE
     kind = mujoco.mjtSensor
     for leg in LEGS:
         # A touch sensor adds up the normal forces at contacts of its body inside its site, which
-        # has to hold the contact point of the foot: the sphere and 1 mm.
+        # has to enclose the contact point of the foot: the sphere and 1 mm.
         size = [robot.foot_radius + 0.001] * 3
         spec.body(f"{leg}_FOOT").add_site(name=f"{leg}_FOOT", size=size, group=4)
         spec.add_sensor(type=kind.mjSENS_TOUCH, objtype=site, objname=f"{leg}_FOOT")
@@ -207,7 +208,7 @@ def _add_sensors(spec: mujoco.MjSpec, robot: RobotModel, uneven: bool) -> None:
         spec.add_sensor(type=kind.mjSENS_FRAMEPOS, objtype=site, objname=f"{leg}_FOOT")
     body = mujoco.mjtObj.mjOBJ_BODY
     spec.add_sensor(type=kind.mjSENS_SUBTREECOM, objtype=body, objname=BASE)
-    # One sensor of the whole robot costs half of what one for each part does.
+    # One sensor for the whole robot costs half as much as one for each part.
     whole = mujoco.mjtObj.mjOBJ_XBODY
     parameters = [_FORCE_BIT, _NET_FORCE, 1]
     spec.add_sensor(type=kind.mjSENS_CONTACT, objtype=whole, objname=BASE, intprm=parameters)

@@ -26,7 +26,7 @@ class Simulator(Protocol):
 
     A ``mask`` is ``(B,)``; without one, all robots are meant. A row of the batch moves exactly as
     the same robot alone would, bit for bit, whatever the other rows do. `SimulatorContract` in
-    `surefoot.testing` tests all that is said here.
+    `surefoot.testing` tests all of this.
     """
 
     @property
@@ -51,11 +51,11 @@ class Simulator(Protocol):
         ...
 
     def vary(self, friction: Array | None, mass: Array | None) -> None:
-        """Give each robot a floor and a base of its own, from its next ``reset`` on.
+        """Vary the floor's friction and the base's mass for each robot, from its next ``reset`` on.
 
-        They hold through every later reset, until the next call. The robot knows nothing of it:
-        ``state.com`` is that of the nominal masses. With None, or with the friction of the config
-        and a mass factor of 1, a robot moves as if it had never been varied, bit for bit.
+        The values last through every later reset, until the next call. The robot does not know
+        them: ``state.com`` is that of the nominal masses. With None, or with the friction of the
+        config and a mass factor of 1, a robot moves as if it had never been varied, bit for bit.
 
         Args:
             friction: ``(B,)`` coefficient of the pair of floor and robot; None for the config's.
@@ -99,10 +99,10 @@ class Simulator(Protocol):
 
     @property
     def body_contact(self) -> BoolArray:
-        """``(B,)`` True where all parts but the feet together carried more than 0.5 N in that tick.
+        """``(B,)`` True where all parts except the feet together carried over 0.5 N in that tick.
 
-        That is a base or a leg on the ground. As for the feet, a reset shows the contacts of the
-        state that it gives.
+        That means a base or a leg on the ground. As for the feet, a reset shows the contacts of the
+        new state.
         """
         ...
 
@@ -135,7 +135,7 @@ def check_positive(name: str, values: Array, batch: int) -> Array:
 
 @runtime_checkable
 class OnGround(Protocol):
-    """A simulator that says on which ground its robots are; none has to."""
+    """A simulator that says which ground its robots are on; this is optional."""
 
     @property
     def ground(self) -> Ground | None:

@@ -1,10 +1,10 @@
 """Uneven ground: the heights of a terrain, and where robots are on it.
 
 A `Ground` has a terrain for each robot of a batch, and says where it lies: robots stay where they
-are, and each gets ground of its own, moved and turned, below its feet. `flat` and `slope` are
+are, and each one's own ground is moved and turned to be below its feet. `flat` and `slope` are
 planes; the others are height fields of 12 m by 12 m, with a plane around them. Simulators make
-their collision shapes of the same numbers, and `Ground.heights` is the surface that they see. Next:
-`scenarios.ground`, which draws the ground of episodes and puts it under their robots.
+their collision shapes from the same numbers, and `Ground.heights` is the surface that they see.
+Next: `scenarios.ground`, which draws the ground of episodes and puts it under their robots.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from surefoot.types import Array, BoolArray, IntArray
 CELL = 0.025
 """[m] The edge of a cell of a height field."""
 HALF_WIDTH = 6.0
-"""[m] A height field reaches so far from its middle, along both axes."""
+"""[m] A height field reaches this far from its middle, along both axes."""
 POINTS = round(2 * HALF_WIDTH / CELL) + 1
 """Points of a height field along an edge."""
 BUMP = 0.1
-"""[m] The distance of bumps."""
+"""[m] The distance between bumps."""
 BLOCK = 0.15
 """[m] The edge of a block."""
 STEP_DEPTH = 0.4
 """[m] How deep a step of the stairs is."""
 APRON = 0.02
-"""[m] The plane around a height field lies so far below its lowest point: a robot that walks off
-the field steps down, and does not fall for ever."""
+"""[m] The plane around a height field lies this far below its lowest point: a robot that walks off
+the field steps down, and does not fall forever."""
 
 
 def is_plane(terrain: Terrain) -> bool:
@@ -112,13 +112,14 @@ class Ground:
         terrains: The terrain of each robot, of one size.
         origin: ``(B, 3)`` where the middle of each terrain lies, world frame [m].
         yaw: ``(B,)`` how far each terrain is turned to the left [rad].
-        felt: ``(B,)`` the height at which each robot takes the ground to be where it begins in
-            flight, world frame [m]; 0 if none is given.
-        touching: ``(B, 4)`` True for the feet that are on it where robots go on from other
-            episodes; None leaves it to the simulator, which after a reset knows no torques yet.
+        felt: ``(B,)`` the height that each robot assumes for the ground if it begins in flight,
+            world frame [m]; 0 if none is given.
+        touching: ``(B, 4)`` True for the feet that are on the ground where robots continue from
+            other episodes; None leaves this to the simulator, which knows no torques yet after a
+            reset.
 
     Raises:
-        ValueError: The fields are of different numbers of robots, a terrain has a range of sizes,
+        ValueError: The fields are for different numbers of robots, a terrain has a range of sizes,
             or a number is not finite.
     """
 
@@ -189,7 +190,7 @@ class Ground:
             points: ``(B, n, 2)`` or ``(B, n, 3)`` points of the world [m]; z is not used.
 
         Raises:
-            ValueError: A point is not finite, so that there is nothing below it.
+            ValueError: A point is not finite, so there is nothing below it.
         """
         _check_finite("ground: points", points[..., :2])
         turn = np.stack([np.cos(self.yaw), np.sin(self.yaw)], axis=-1)[:, None]
@@ -227,11 +228,11 @@ def join_grounds(parts: Sequence[Ground]) -> Ground:
 
 
 def ground_below(terrains: Sequence[Terrain], place: Array, yaw: Array, robots: Array) -> Ground:
-    """The ground that has a given place of its own below each of B robots, its middle at z = 0.
+    """The ground with a given place on it below each of B robots, and its middle at z = 0.
 
     Args:
         terrains: The terrain of each robot, of one size.
-        place: ``(B, 2)`` the place, from the middle of the terrain, along its axes [m].
+        place: ``(B, 2)`` the place on the terrain, measured from its middle along its axes [m].
         yaw: ``(B,)`` how far each terrain is turned to the left [rad].
         robots: ``(B, 2)`` where the robots are, world frame [m].
     """

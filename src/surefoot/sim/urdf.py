@@ -1,4 +1,4 @@
-"""Writes a robot's model as a URDF for PyBullet, with the package's shapes to collide with.
+"""Writes a robot's model as a URDF for PyBullet, with the package's collision shapes.
 
 PyBullet takes the inertial frame of the base link for the base frame. Where those differ, the base
 link gets a thousandth of the mass of the base, at its frame's origin, and a second link, fixed to
@@ -19,7 +19,7 @@ from surefoot.types import LEGS, Array
 TRUNK = "trunk"
 """The name of the link that carries most of the base, where there is one."""
 CORE_SHARE = 1e-3
-"""The share of the base's mass that stays in the base link then."""
+"""The share of the base's mass that stays in the base link in that case."""
 
 
 def write_urdf(robot: RobotModel) -> str:
@@ -96,7 +96,7 @@ def _add_link(
     )
     if shape is None:
         return
-    # Of the friction of two bodies PyBullet takes the product; the floor has the pair's.
+    # PyBullet multiplies the friction of two bodies; the floor has that of the pair.
     contact = ElementTree.SubElement(link, "contact")
     coefficients = {"lateral_friction": 1.0}
     for key in ("lateral_friction", "rolling_friction", "spinning_friction", "restitution"):
