@@ -19,7 +19,7 @@ FORCE_ITERATIONS = 500
 FORCE_TOLERANCE = 1e-9
 """[N/kg] The gradient steps end at a change smaller than this."""
 BAND = 12
-"""The width of the band of the state step: the diagonal and 11 entries beside it."""
+"""The width of the band of the state step: the diagonal and the 11 entries right of it."""
 
 
 class CentroidalArrays(NamedTuple):

@@ -29,7 +29,7 @@ from surefoot.types import GRAVITY, TICKS_PER_SECOND, Array, BoolArray, Command
 
 @dataclass(frozen=True)
 class FootholdRule:
-    """What is the same in all contact plans of one robot and gait.
+    """What all contact plans of one robot and gait share.
 
     Attributes:
         gait: The timing and the step height.
@@ -138,7 +138,7 @@ def plan_contacts(rule: FootholdRule, start: HorizonStart) -> ContactPlan:
     """Plan the contacts over the centroidal horizon.
 
     Args:
-        rule: What is the same in all contact plans of this robot and gait.
+        rule: What all contact plans of this robot and gait share.
         start: The measured state and the planned velocity.
     """
     gait = rule.gait
@@ -203,7 +203,7 @@ def footholds(rule: FootholdRule, start: HorizonStart, time: Array) -> tuple[Arr
     """Return the points ``(N, 4, 2)`` below the hips after some time, and where feet land then.
 
     Args:
-        rule: What is the same in all contact plans of this robot and gait.
+        rule: What all contact plans of this robot and gait share.
         start: The measured state and the planned velocity.
         time: ``(N, 1, 1)`` time since the start of the horizon [s].
     """

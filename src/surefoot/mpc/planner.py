@@ -335,7 +335,7 @@ class Planner:
     def interpolate(
         self, contacts: ContactPlan, centroidal: CentroidalPlan, kinematic: KinematicPlan
     ) -> tuple[Array, Array, Array, Array]:
-        """Interpolate the nodes of a plan linearly, to one row a tick.
+        """Interpolate the nodes of a plan linearly, to one row per tick.
 
         Args:
             contacts: The contact plan, for the durations of the nodes.

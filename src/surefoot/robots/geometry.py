@@ -18,7 +18,7 @@ POINT_DISTANCE = 0.02
 RINGS = (0.0, 0.35, 0.7, 0.95)
 """The circles of points below a sphere, as shares of its radius."""
 SPOKES = 8
-"""Points of each of those circles."""
+"""The number of points on each of these circles."""
 HIGHEST_CONTACT = 1e-3
 """[m] A foot whose sphere is at most this far above the ground is in contact, for `state_of`."""
 

@@ -137,7 +137,7 @@ def read_spec(path: Path) -> RobotSpec:
     """Read a spec from a JSON or TOML file, which is data: nothing in it is run.
 
     Args:
-        path: The file. A relative `urdf` in it is looked for beside the file first.
+        path: The file. A relative `urdf` in it is looked for next to the file first.
 
     Raises:
         ValueError: The file is not there, not JSON or TOML, or holds no spec; the message names the

@@ -30,7 +30,7 @@ EXCHANGED: dict[MirrorName, tuple[int, int, int, int]] = {
 TOLERANCE = 1e-3
 """[m] Feet and center of mass of a mirror image may differ by this much from the robot's own."""
 _POSES = 20
-"""Poses in which feet and center of mass are compared."""
+"""The number of poses in which feet and center of mass are compared."""
 
 
 class BodyMirror(NamedTuple):

@@ -63,7 +63,7 @@ class OfOneRobot(Protocol):
 
 
 def in_several_gaits(controllers: Sequence[Controller | None]) -> list[InSeveralGaits]:
-    """The controllers that are to be told the gaits: all of those given.
+    """Check that all of these controllers can be told the gaits, and return them.
 
     Args:
         controllers: The controllers that may drive; None is skipped.

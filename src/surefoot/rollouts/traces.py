@@ -100,7 +100,7 @@ def labels_of(rollouts: Rollout, safety: SafetyConfig) -> NDArray[np.int8]:
 
 
 def _next(event: BoolArray, never: int) -> IntArray:
-    """``(B, T)`` the first tick with an event, from each tick on; ``never`` if there is none."""
+    """``(B, T)`` the first tick with an event at or after each tick; ``never`` if there is none."""
     ticks = np.where(event, np.arange(event.shape[1]), never)
     return np.minimum.accumulate(ticks[:, ::-1], axis=1)[:, ::-1]
 

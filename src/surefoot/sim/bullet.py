@@ -112,7 +112,7 @@ class BulletSimulator:
         batch: The number of robots B.
         ground: The ground of each robot; None is the plane z = 0.
         clients: PyBullet's ``physicsClientId`` of each robot, for what the protocol does not offer;
-            a reset builds a client's world anew.
+            a reset rebuilds a client's world.
         body: PyBullet's id of the robot, in every client; the floor is body 0, and a height field
             comes after the robot.
         joints: PyBullet's joint indices, in the order of ``JOINTS``.
@@ -265,7 +265,7 @@ class BulletSimulator:
         self._body_force[rows] = 0.0
         self._blown_up = np.where(rows, ~self._sane(), self._blown_up)
         for row in np.flatnonzero(rows & ~self._blown_up).tolist():
-            # PyBullet has no forces before its first step; make one, then begin anew.
+            # PyBullet has no forces before its first step; make one, then start over.
             self._place(row)
             pybullet.stepSimulation(physicsClientId=self.clients[row])
             self._read_forces(row)

@@ -136,7 +136,7 @@ def _highest(terrain: Terrain) -> float:
 
 
 def fields_of(ground: Ground) -> list[Terrain]:
-    """Return the terrains of a ground that are height fields, each of them once, in their order.
+    """Return the terrains of a ground that are height fields, each of them once, in order.
 
     Args:
         ground: The ground.

@@ -25,7 +25,7 @@ CELL = 0.025
 HALF_WIDTH = 6.0
 """[m] A height field reaches this far from its middle, along both axes."""
 POINTS = round(2 * HALF_WIDTH / CELL) + 1
-"""Points of a height field along an edge."""
+"""The number of points of a height field along an edge."""
 BUMP = 0.1
 """[m] The distance between bumps."""
 BLOCK = 0.15

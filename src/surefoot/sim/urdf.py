@@ -1,8 +1,8 @@
 """Writes a robot's model as a URDF for PyBullet, with the package's collision shapes.
 
-PyBullet takes the inertial frame of the base link for the base frame. Where those differ, the base
+PyBullet takes the inertial frame of the base link as the base frame. Where the two differ, the base
 link gets a thousandth of the mass of the base, at its frame's origin, and a second link, fixed to
-it, carries the rest: together they are the base. Read `sim.bullet` next.
+it, carries the rest. Read `sim.bullet` next.
 """
 
 from __future__ import annotations
