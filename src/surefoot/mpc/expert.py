@@ -1,4 +1,4 @@
-"""The expert: replans on the 50-ms grid and at takeovers, drives at 1 kHz, survives failed plans.
+"""The expert: replans every 50 ms, at takeovers and changes of gait; drives at 1 kHz.
 
 tau = tau_ff + kp (q_ref - q) + kd (v_ref - v), for B robots at once. `Expert` wraps any plain
 function ``plan(state, tick, command) -> MotionPlan``, so a user's own MPC can be that function.
@@ -39,7 +39,8 @@ DAMPING = 0.1
 class Expert:
     """Drives robots with plans, and survives a planner that fails.
 
-    A robot that the expert did not drive one tick ago is a takeover, and gets a fresh plan at once.
+    A robot that the expert did not drive one tick ago is a takeover, and gets a fresh plan at once;
+    so does one whose gait has changed.
     After an invalid replan, the robot follows the second half of its old plan. After a second
     invalid replan in a row, or an invalid plan at a takeover, the expert gives up on the robot: the
     robot gets joint damping only, and `diverged` is True.

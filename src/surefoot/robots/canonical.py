@@ -4,8 +4,9 @@ A description has its own names, order and structure. Every joint that is not on
 locked, and a new model is built from what is left: legs FL, FR, HL, HR, each with links SHOULDER,
 UPPER_LEG, LOWER_LEG and FOOT, joints HAA, HFE, KFE. A foot is a frame of its lower leg, with the
 inertia of the description's foot link. If that inertia, or what it leaves of the lower leg, is not
-one that a body can have, the foot's inertia becomes part of the lower leg's. Everything else in the
-package, the simulators included, is made from this model. Read `robots.load` next.
+one that a body can have, at any foot, the inertias of all feet become part of the lower legs'.
+Everything else in the package, the simulators included, is made from this model. Read `robots.load`
+next.
 """
 
 from __future__ import annotations

@@ -42,7 +42,8 @@ class Mesh(NamedTuple):
 def visual_meshes(robot: RobotModel) -> list[Mesh]:
     """Read the meshes of a robot's description, which takes seconds for some robots.
 
-    If the visual meshes are a tangle, the collision meshes are used instead.
+    If the visual meshes are a tangle, the collision meshes are used instead; if these are one too,
+    there are none.
 
     Args:
         robot: The robot.

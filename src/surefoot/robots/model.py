@@ -22,7 +22,7 @@ class Shape(NamedTuple):
     """A box, or a capsule that is a sphere where both its ends coincide; in its link's frame.
 
     Attributes:
-        link: The URDF link that carries the shape.
+        link: The link that carries the shape, by its canonical name, such as ``FL_FOOT``.
         start: ``(3,)`` one end of the capsule's axis, or the center of the box [m].
         end: ``(3,)`` the other end of the axis, or again the center of the box [m].
         size: The radius of the capsule, or the three half edges of the box [m].

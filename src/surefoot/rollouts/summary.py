@@ -29,17 +29,17 @@ TILTED = np.radians(10.0)
 """[rad] A frame with a larger roll or pitch is a recovery: the settled gait cycles of the stored
 initial states (split `nominal`) reach 6.8 degrees."""
 NEAR_ANGLE = np.radians(5.0)
-"""[rad] A frame with an angle this close to its bound in the paper's table, or beyond it, is a
+"""[rad] A frame with an angle this close to its bound in the safety table, or beyond it, is a
 recovery by distance."""
 NEAR_HEIGHT = 0.01
-"""[m] A frame with the height this close to its bound in the paper's table, or beyond it, is a
+"""[m] A frame with the height this close to its bound in the safety table, or beyond it, is a
 recovery by distance."""
 
 COVERED = 0.7
 """A robot that covers this share of the distance commanded, or more, follows its command."""
 
 NOT_RECORDED = -1
-"""The value of a count that an older version did not make."""
+"""The value of what an older version did not count, or what needs a hardware profile."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ class Summary:
         ticks: ``(n,)`` number of ticks simulated, tail included [ms].
         proper_ticks: ``(n,)`` number of ticks simulated before the tail [ms].
         expert_ticks: ``(n,)`` number of ticks before the tail that the expert drove [ms].
-        takeovers: ``(n,)`` how often the expert took over from the policy before the tail, or
-            drove first.
+        takeovers: ``(n,)`` how often the expert took over from the policy before the tail; driving
+            first counts too, if the policy drove later.
         expert_drove_last: ``(n,)`` True where the expert drove the last tick.
         expert_drove_before: ``(n,)`` True where the expert drove the tick 0.5 s before the last.
         plans: ``(n,)`` number of MPC solves.
@@ -66,13 +66,14 @@ class Summary:
             grace, before the tail and in it; that is a fall unless the disturbance allows for it.
         kept: ``(n,)`` number of frames kept.
         kept_tilted: ``(n,)`` number of frames kept with roll or pitch beyond `TILTED`.
-        kept_near_bounds: ``(n,)`` number of frames kept closer to the paper's table than
+        kept_near_bounds: ``(n,)`` number of frames kept closer to the safety table than
             `NEAR_ANGLE` or `NEAR_HEIGHT`.
         strict: ``(n,)`` True where every foot stepped in every 1.5 periods over 2/3 of T.
-        mean_velocity: ``(n, 3)`` mean vx, vy, yaw rate in the heading frame [m/s, m/s, rad/s].
-        mse: ``(n, 3)`` mean squared velocity error over the whole episode.
+        mean_velocity: ``(n, 3)`` mean vx, vy, yaw rate in the heading frame before the tail
+            [m/s, m/s, rad/s].
+        mse: ``(n, 3)`` mean squared velocity error before the tail, from the first tick on.
         settled_mse: ``(n, 3)`` mean squared velocity error from 1 s on; NaN for shorter episodes.
-        max_torque: ``(n,)`` largest joint torque commanded [N m].
+        max_torque: ``(n,)`` largest joint torque commanded before the tail [N m].
         contact_ticks: ``(n,)`` number of ticks, tail included, in which something other than a foot
             touched the ground [ms]; -1 where that was not recorded.
         latch: ``(n,)`` values of `Latch`: what would have switched the robot off before the tail;

@@ -40,10 +40,10 @@ class Gate(Protocol):
 
 
 class Bounds:
-    """The gate of the paper's Table I.
+    """The gate of the safety bounds, which are the paper's Table I for Solo12.
 
     Args:
-        config: The table.
+        config: The bounds.
     """
 
     def __init__(self, config: SafetyConfig) -> None:
@@ -92,25 +92,25 @@ class AnyOf:
 
 
 def unsafe(state: State, config: SafetyConfig) -> BoolArray:
-    """``(B,)`` True where a robot is outside the paper's Table I.
+    """``(B,)`` True where a robot is outside the safety bounds.
 
     Args:
         state: States of B robots.
-        config: The table.
+        config: The bounds.
     """
     low, high = table_bounds(config)
     return outside(state.com[:, 2], state.q, low, high)
 
 
 def margin(state: State, config: SafetyConfig, angle: float, height: float) -> Array:
-    """``(B,)`` distance of each robot to the nearest bound of Table I, negative outside.
+    """``(B,)`` distance of each robot to the nearest safety bound, negative outside.
 
     Distances to bounds on angles and on the height are made comparable by a unit for each: a margin
     of 1 is ``angle`` away from a bound on an angle, or ``height`` away from one on the height.
 
     Args:
         state: States of B robots.
-        config: The table.
+        config: The bounds.
         angle: Unit of the distance to a bound on an angle [rad].
         height: Unit of the distance to a bound on the height [m].
     """
@@ -127,7 +127,7 @@ def distances(state: State, config: SafetyConfig) -> Array:
 
     Args:
         state: States of B robots.
-        config: The table.
+        config: The bounds.
     """
     low, high = table_bounds(config)
     values = np.column_stack([state.com[:, 2], state.roll_pitch, state.q[:, 7:]])
@@ -140,7 +140,7 @@ def tightened(config: SafetyConfig, share: float, height: float) -> SafetyConfig
     It is never tighter than the settled gait needs, where that is known, nor wider than the table.
 
     Args:
-        config: The table.
+        config: The bounds.
         share: How much is left of the angles, and of the distance from the gait's height down to
             its lower bound; 1 changes nothing.
         height: Height of the center of mass in the gait [m].

@@ -3,7 +3,7 @@
 `Deviation` is SafeDAGGER's: it predicts from the state whether the policy deviates from the expert.
 `History` is the paper's future work: it predicts from the last 100 ms whether the bounds will be
 left within 0.3 s, so that the expert can take over earlier. It is trained on the traces of rollouts
-(``rollouts/traces.py``): what robots measured while a policy drove.
+(``rollouts/traces.py``): their states without noise, whoever drove.
 
 Both need the full state, with the height and the linear velocity of the base, just as the bounds
 need the height of the center of mass: they watch a robot in training, whose state is known. The

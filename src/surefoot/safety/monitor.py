@@ -1,6 +1,6 @@
 """The safety monitor: a gate with the blocking of Algorithm 4.
 
-From a violation on, the expert drives for at least T_block; then a hand-back rule decides when the
+After a violation the expert drives, usually for at least T_block; a hand-back rule decides when the
 policy drives again. Read ``gates.py`` first; ``rollouts/arbiters.py`` uses the monitor.
 """
 

@@ -110,7 +110,8 @@ class Ground:
 
     Attributes:
         terrains: The terrain of each robot, of one size.
-        origin: ``(B, 3)`` where the middle of each terrain lies, world frame [m].
+        origin: ``(B, 3)`` where each terrain lies, world frame [m]: its middle, in height fields
+            at the height of the lowest point.
         yaw: ``(B,)`` how far each terrain is turned to the left [rad].
         felt: ``(B,)`` the height that each robot assumes for the ground if it begins in flight,
             world frame [m]; 0 if none is given.
@@ -228,7 +229,7 @@ def join_grounds(parts: Sequence[Ground]) -> Ground:
 
 
 def ground_below(terrains: Sequence[Terrain], place: Array, yaw: Array, robots: Array) -> Ground:
-    """The ground with a given place on it below each of B robots, and its middle at z = 0.
+    """The ground with a given place on it below each of B robots, and its origin at z = 0.
 
     Args:
         terrains: The terrain of each robot, of one size.
@@ -243,7 +244,7 @@ def ground_below(terrains: Sequence[Terrain], place: Array, yaw: Array, robots: 
 
 
 def _heights(terrain: Terrain, xy: Array) -> Array:
-    """The height of a terrain above its middle's level at points ``(n, 2)`` of its own frame."""
+    """The height of a terrain above its origin at points ``(n, 2)`` of its own frame."""
     if is_plane(terrain):
         return np.tan(incline(terrain)) * xy[:, 0]
     unit = height_field(terrain.kind, terrain.seed)
