@@ -1,10 +1,10 @@
 """The cells and the jobs of a study: what there is to do, and what has to be done before it.
 
-A cell is one run: a technique under a setting, with a seed. Its jobs are to train it, and to
-measure its policies; cells whose first data, or whose first policy, are the same share a job that
-makes them once (`beginnings_of`). Everything here follows from the study's configuration and its
-presets; a study keeps its beginnings, because presets change from version to version. Read `work`
-next for what a job does, and `runner` for who runs it.
+A cell is one run: a technique under a setting, with a seed. Its jobs train it and measure its
+policies; cells with the same first data, or the same first policy, share a job that makes these
+once (`beginnings_of`). Everything here follows from the study's configuration and its presets; a
+study keeps its beginnings, because presets change from version to version. Read `work` next for
+what a job does, and `runner` for what starts it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Cell:
         technique: Name of the technique.
         setting: Name of the setting.
         seed: Seed of the run.
-        training: Number of the training among those of this seed, from 0 on.
+        training: Number of the training among those with this seed, from 0.
         name: Folder of the cell, relative to those of all runs and of all results.
     """
 
@@ -49,9 +49,10 @@ class StudyJob:
     Attributes:
         name: Name of the job and of its folder.
         kind: What it does.
-        cell: The cell; of a shared job the first of those that share it.
-        shared: What a shared job makes, or the run of a cell begins with; None if nothing.
-        needs: Names of the jobs that have to be done before.
+        cell: The cell; for a shared job, the first of the cells that share it.
+        shared: What a shared job makes, or what a cell's run begins with; None if nothing is
+            shared.
+        needs: Names of the jobs that must be done before.
     """
 
     name: str
@@ -81,7 +82,7 @@ def cells_of(study: StudyConfig) -> tuple[Cell, ...]:
 def _cell_name(
     study: StudyConfig, technique: Technique, setting: str, seed: int, training: int
 ) -> str:
-    """Folder of a cell; where there is but one setting, or one training, it is left out."""
+    """Folder of a cell; it leaves out a study's only setting, and the number of training 0."""
     parts = [setting] if len(study.settings) > 1 else []
     parts.append(technique.name)
     if technique.method != EXPERT:
@@ -95,7 +96,7 @@ def cell_config(study: StudyConfig, cell: Cell, base: Config | None = None) -> C
     Args:
         study: The study.
         cell: The cell.
-        base: What the study's options change; without it the preset of the cell's technique.
+        base: The configuration that the study's options change; None is the technique's preset.
     """
     technique = study.technique(cell.technique)
     setting = study.setting(cell.setting)
@@ -107,13 +108,13 @@ def _seeded(config: Config, cell: Cell) -> Config:
     config = replace(config, seed=cell.seed)
     if cell.training == 0:
         return config
-    # Seeds of a study are below this, so that no training repeats that of another seed.
+    # The seeds of a study are below 2**31, so no training repeats one of another seed.
     training_seed = cell.seed + cell.training * 2**31
     return replace(config, training=replace(config.training, seed=training_seed))
 
 
 def trained_configs(study: StudyConfig) -> dict[Cell, Config]:
-    """The configuration of every cell that is trained; reading options takes long, so only once."""
+    """The configuration of every trained cell; options are read once, because that is slow."""
     configs: dict[Cell, Config] = {}
     common: dict[tuple[str, str], Config] = {}
     for cell in cells_of(study):
@@ -132,13 +133,13 @@ def jobs_of(
 ) -> tuple[StudyJob, ...]:
     """All jobs of a study, each after those that it needs.
 
-    An expert that is the same in several settings is measured in the first of them; the others'
-    measurements need that one.
+    An expert that is the same in several settings is measured in the first of them; its
+    measurements in the others need that one.
 
     Args:
         study: The study.
-        beginnings: Name of a cell -> name of the job that makes what it begins with
-            (`beginnings_of`), as the study keeps it; None works it out.
+        beginnings: Name of a cell -> name of the job that makes what it begins with, as kept in the
+            study; None derives it (`beginnings_of`).
     """
     begins = beginnings_of(study) if beginnings is None else beginnings
     jobs: dict[str, StudyJob] = {}
@@ -149,7 +150,7 @@ def jobs_of(
             train = StudyJob(_job_name("train", cell), "train", cell)
             if begin is not None:
                 shared = _shared_by(begin)
-                # It is named by the first cell, whose turn is now if the job is not there yet.
+                # The job is the first cell's, which is this one if the job is not there yet.
                 jobs.setdefault(begin, StudyJob(begin, "share", cell, shared=shared))
                 train = replace(train, shared=shared, needs=needs)
             jobs[train.name] = train
@@ -160,7 +161,7 @@ def jobs_of(
 
 
 def measurements_of(study: StudyConfig, cell: Cell) -> tuple[str, ...]:
-    """Names of what is measured of a cell: an expert does not deviate from itself."""
+    """Names of a cell's measurements; the expert has no `imitation`, as it imitates itself."""
     is_expert = study.technique(cell.technique).method == EXPERT
     return tuple(
         measurement.name
@@ -170,7 +171,7 @@ def measurements_of(study: StudyConfig, cell: Cell) -> tuple[str, ...]:
 
 
 def measured_options(study: StudyConfig, cell: Cell, measurement: str) -> Options:
-    """All that a study says of what is measured of a cell: what its results have to be of.
+    """All options that a cell's measurement depends on, which its results must have.
 
     Args:
         study: The study.
@@ -178,8 +179,8 @@ def measured_options(study: StudyConfig, cell: Cell, measurement: str) -> Option
         measurement: Name of the measurement.
 
     Returns:
-        The dotted options of technique, setting and measurement, and their fields that are no
-        options by names without a point.
+        The dotted options of technique, setting and measurement, and their other fields under names
+        without a dot.
     """
     technique = study.technique(cell.technique)
     asked = study.measurement(measurement)
@@ -196,12 +197,12 @@ def measured_options(study: StudyConfig, cell: Cell, measurement: str) -> Option
 
 
 def _job_name(what: str, cell: Cell) -> str:
-    """Name of a job, which is a folder's name too."""
+    """Name of a job, which is also the name of its folder."""
     return f"{what}--{cell.name.replace('/', '--')}"
 
 
 def find_job(jobs: Sequence[StudyJob], name: str) -> StudyJob:
-    """The job of this name.
+    """The job with this name.
 
     Raises:
         ValueError: There is none.
@@ -213,15 +214,15 @@ def find_job(jobs: Sequence[StudyJob], name: str) -> StudyJob:
 
 
 def _shared_by(job: str) -> Shared:
-    """What a shared job makes, by its name."""
+    """What a shared job makes, as its name shows."""
     return "policy" if job.startswith("policy--") else "data"
 
 
 def beginnings_of(study: StudyConfig) -> dict[str, str]:
     """What cells have in common by their presets, made once by the first of them.
 
-    Cells whose first policies are the same share them, if their method goes on from there; others
-    may still share their data. An expert is measured in the first setting where it is the same.
+    Cells with the same first policy share it if their method continues from there; others may still
+    share their data. An expert that is the same in several settings is measured in the first one.
 
     Args:
         study: The study.
@@ -235,7 +236,7 @@ def beginnings_of(study: StudyConfig) -> dict[str, str]:
     for shared in ("policy", "data"):
         groups: dict[str, list[Cell]] = {}
         for cell, config in configs.items():
-            # Behavior cloning has no policy to go on from: its trainings have their data in common.
+            # Behavior cloning continues from no policy: its trainings share only their data.
             may_share = shared == "data" or isinstance(config.method, IterativeConfig)
             if may_share and cell.name not in begins:
                 beginning = json.dumps(first_stage(config, shared), sort_keys=True)
@@ -252,7 +253,7 @@ def beginnings_of(study: StudyConfig) -> dict[str, str]:
 
 
 def _same_expert(study: StudyConfig, cell: Cell) -> Cell:
-    """The first cell of an expert that is measured as that of this cell, which may be this one."""
+    """The first cell whose expert is the same as this cell's, which may be this cell itself."""
     own = _expert_alone(cell_config(study, cell))
     cells = [each for each in cells_of(study) if each.technique == cell.technique]
     return next(each for each in cells if _expert_alone(cell_config(study, each)) == own)

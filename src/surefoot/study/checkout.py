@@ -1,9 +1,9 @@
-"""The code that a study's jobs run: one commit, in a checkout of its own.
+"""The code that a study's jobs run: one commit, in its own checkout.
 
 A study takes hours or days, and its jobs must all run the same code. Started from a git checkout,
 it makes a worktree of the commit in its own folder, and its jobs import the package from there, so
-the checkout itself may change in the meantime. Started from an installed package, its jobs run
-that.
+the checkout itself may change in the meantime. The jobs of a study that is started from an
+installed package run that package.
 """
 
 from __future__ import annotations
@@ -53,9 +53,9 @@ def clean_commit(root: Path) -> str:
 
 
 def check_out(root: Path, commit: str, folder: Path) -> Path:
-    """The code of a commit in the folder of a study; it is made if it is not there.
+    """The code of a commit in the folder of a study; it is checked out if it is not there.
 
-    What is missing or differs of it is restored: git may have been killed as it wrote.
+    Files that are missing or differ are restored, because git may have been killed as it wrote.
 
     Args:
         root: Root of a checkout that has the commit.
@@ -102,7 +102,7 @@ def _restore(code: Path) -> None:
     """
     lock = _git(code, "rev-parse", "--git-path", "index.lock")
     if lock is not None:
-        (code / lock).unlink(missing_ok=True)  # of a git that was killed
+        (code / lock).unlink(missing_ok=True)  # left by a git that was killed
     if _git(code, "reset", "--hard", "--quiet") is None:
         raise StudyError(
             f"{code} has not all files of its commit, and git cannot restore them; delete it, and "
@@ -111,7 +111,7 @@ def _restore(code: Path) -> None:
 
 
 def _git(folder: Path, *arguments: str) -> str | None:
-    """What git answers in a folder; None if it fails, or is not there."""
+    """The output of git in a folder; None if it fails, or is not installed."""
     try:
         answer = subprocess.run(
             ["git", *arguments], cwd=folder, check=True, capture_output=True, text=True

@@ -1,11 +1,11 @@
 """Claims and their verdicts: a number with an interval over runs, and one rule.
 
 A claim says that a number lies in a region, for example below 5 %. It holds if the whole 95 %
-interval over runs lies inside of the region, it does not hold if no part of the interval does, and
-otherwise the runs cannot tell. A claim that is not measured yet cannot be told either. "X is the
-largest" is judged by the differences to all rivals, and shows the least favorable one. Read
-`run_statistics` for the intervals, `paper_claims` for the paper's sentences, `comparisons` for
-those that a study plans itself.
+interval over runs lies inside the region; it does not hold if no part of the interval does;
+otherwise the runs cannot tell, just as when nothing has been measured yet. "X is the largest" is
+judged by the differences to all rivals, and shows the least favorable one. Read `run_statistics`
+for the intervals, `paper_claims` for the paper's claims, and `comparisons` for those that a study
+plans itself.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from surefoot.study.run_statistics import (
 from surefoot.study.tables import markdown
 
 Verdict = Literal["holds", "does not hold", "cannot tell"]
-"""What the runs say of a claim."""
+"""What the runs show about a claim."""
 FROM_WORST: tuple[Verdict, ...] = ("does not hold", "cannot tell", "holds")
-"""The verdicts, from the one that speaks most against a claim on."""
+"""The verdicts, from the least to the most favorable."""
 UNMEASURED = "not measured yet"
 """The number of a claim whose runs are missing."""
 COLUMNS = ("claim", "section", "verdict", "measured", "why")
@@ -42,11 +42,11 @@ class Claim:
     Attributes:
         name: Short name of the claim.
         text: The sentence.
-        section: Section of the paper where it stands.
-        verdict: What the runs say of it.
+        section: Section of the paper that makes the claim.
+        verdict: What the runs show about it.
         number: What was measured, with its interval and every run, as text.
         interval: The 95 % interval over runs, in the unit of the number; None if there is none.
-        reason: Why the verdict is what it is, in sentences.
+        reason: The reason for the verdict, in sentences.
         figure: Number of the paper's figure that shows it, from 1 to 5.
     """
 
@@ -62,7 +62,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Region:
-    """Where a number lies if a claim holds; the unit is that of the values of runs.
+    """Where a number lies if a claim holds, in the unit of the runs' values.
 
     Attributes:
         low: The number is above this.
@@ -85,7 +85,7 @@ class NumberStyle:
 
     Attributes:
         unit: The unit, as text.
-        scale: What a value is multiplied with for this unit.
+        scale: Factor that converts a value to this unit.
         digits: Number of digits after the point.
     """
 
@@ -102,10 +102,10 @@ POINTS = NumberStyle("points", 100.0, 1)
 
 @dataclass(frozen=True)
 class Statement:
-    """A claim before it is judged; the fields are those of `Claim`.
+    """A claim before it is judged.
 
     Attributes:
-        section: Section of the paper where it stands.
+        section: Section of the paper that makes the claim.
         figure: Number of the paper's figure that shows it.
         name: Short name of the claim.
         text: The sentence.
@@ -126,8 +126,8 @@ class Sample:
     """The runs of one technique.
 
     Attributes:
-        title: How texts call the technique.
-        runs: What was measured of each run; None if nothing yet.
+        title: Name of the technique in texts.
+        runs: What was measured for each run; None if nothing has been measured yet.
         planned: Number of runs that the study plans.
     """
 
@@ -137,7 +137,7 @@ class Sample:
 
 
 def verdict_of(interval: Interval | None, region: Region) -> Verdict:
-    """The rule: the whole interval inside of the region, no part of it, or neither.
+    """The rule: whether the whole interval lies inside the region, no part of it, or neither.
 
     Args:
         interval: A 95 % interval over runs; None if nothing shows how much runs differ.
@@ -159,7 +159,7 @@ def judge_mean(statement: Statement, sample: Sample, beside: str = "") -> Claim:
     Args:
         statement: The claim.
         sample: The runs.
-        beside: A sentence with other numbers that belong beside it.
+        beside: A sentence with related numbers, which ends the reason.
     """
     if sample.runs is None:
         return _unmeasured(statement, [sample])
@@ -172,8 +172,8 @@ def judge_difference(statement: Statement, a: Sample, b: Sample, beside: str = "
     Args:
         statement: The claim.
         a: The runs of one technique.
-        b: Those of the other, which is subtracted.
-        beside: A sentence with other numbers that belong beside it.
+        b: The runs of the other one, which is subtracted.
+        beside: A sentence with related numbers, which ends the reason.
     """
     if a.runs is None or b.runs is None:
         return _unmeasured(statement, [a, b])
@@ -186,8 +186,8 @@ def judge_change(statement: Statement, after: Sample, before: Sample, beside: st
     Args:
         statement: The claim.
         after: The later measurement.
-        before: The earlier one of the same runs, which is subtracted.
-        beside: A sentence with other numbers that belong beside it.
+        before: The earlier measurement of the same runs, which is subtracted.
+        beside: A sentence with related numbers, which ends the reason.
     """
     both = after.runs and before.runs and of_both(after.runs, before.runs)
     if not both:
@@ -200,15 +200,15 @@ def judge_extreme(
 ) -> Claim:
     """Judge whether a technique is above all rivals, or below all of them, as the region says.
 
-    The claim holds if the difference to each rival does, and does not hold if that to one rival
-    does not. The number is the difference to the least favorable rival: of those with this verdict
-    the closest one.
+    The claim holds if it holds against every rival, and does not hold if it fails against any. The
+    number is the difference to the least favorable rival: the one with the worst verdict and, among
+    several of those, the difference that speaks most against the claim.
 
     Args:
         statement: The claim; its region is `ABOVE_ZERO` or `BELOW_ZERO`.
         sample: The runs of the technique.
-        rivals: Those of the others.
-        beside: A sentence with other numbers that belong beside it.
+        rivals: The runs of the others.
+        beside: A sentence with related numbers, which ends the reason.
     """
     runs = sample.runs
     measured = [(rival, rival.runs) for rival in rivals if rival.runs is not None]
@@ -217,7 +217,7 @@ def judge_extreme(
     sign = 1.0 if statement.region == ABOVE_ZERO else -1.0
 
     def favor(pair: tuple[Sample, Runs]) -> tuple[int, float]:
-        """How much the difference to a rival speaks for the claim."""
+        """How strongly the difference to a rival supports the claim."""
         difference = difference_of_runs(runs, pair[1])
         verdict = verdict_of(difference.interval, statement.region)
         return FROM_WORST.index(verdict), sign * difference.difference
@@ -230,14 +230,14 @@ def judge_extreme(
 def judge_equal(
     statement: Statement, a: Sample, b: Sample, margin: float, beside: str = ""
 ) -> Claim:
-    """Judge whether the means of two techniques are equal, but for a margin.
+    """Judge whether the means of two techniques are equal within a margin.
 
     Args:
         statement: The claim, whose region is replaced.
         a: The runs of one technique.
-        b: Those of the other.
+        b: The runs of the other.
         margin: Largest difference that counts as equal, as a share of the mean of b.
-        beside: A sentence with other numbers that belong beside it.
+        beside: A sentence with related numbers, which ends the reason.
     """
     if b.runs is None:
         return _unmeasured(statement, [a, b])
@@ -319,7 +319,7 @@ def _listed(means: RunMeans, style: NumberStyle) -> str:
 
 
 def _plain(value: float, style: NumberStyle, sign: str = "") -> str:
-    """A value in a style, without its unit; nothing is written as -0."""
+    """A value in a style, without its unit; zero is never written as -0."""
     rounded = round(value * style.scale, style.digits) + 0.0
     return f"{rounded:{sign}.{style.digits}f}"
 
@@ -327,7 +327,7 @@ def _plain(value: float, style: NumberStyle, sign: str = "") -> str:
 def reason_of(
     verdict: Verdict, estimate: RunMeans | RunDifference, region: Region, style: NumberStyle
 ) -> str:
-    """Why a verdict is what it is, in sentences."""
+    """The reason for a verdict, in sentences."""
     arms = [estimate] if isinstance(estimate, RunMeans) else [estimate.a, estimate.b]
     fewest = min(len(arm.runs) for arm in arms)
     if estimate.interval is None and fewest == 1:
@@ -367,7 +367,7 @@ def _region_text(region: Region, style: NumberStyle) -> str:
 
 
 def missing_runs(sample: Sample) -> str:
-    """A sentence that says how many runs of a technique are missing; empty if none is."""
+    """A sentence about how many of a technique's runs are measured; empty if all are."""
     count = 0 if sample.runs is None else len(sample.runs.values)
     if count >= sample.planned:
         return ""

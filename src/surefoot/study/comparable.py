@@ -1,7 +1,8 @@
 """Which policies can be compared, and the settings in which all of them are measured.
 
-Only its policy, with its gains, and its cost come from a run; robot, physics, gait, expert, falls,
-evaluation and pushes must be the same in all runs. Next: `comparison`, which measures them.
+Each run contributes only its policy, with the gains, and its cost; robot, physics, gait, commands,
+expert, falls, evaluation and pushes must be the same in all runs. Next: `comparison`, which
+measures the policies.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def open_comparable_runs(folders: Sequence[Path]) -> list[Run]:
     """Open the runs.
 
     Raises:
-        ValueError: There is none, or they cannot be compared.
+        ValueError: There are no runs, or they cannot be compared.
         RunError: A folder holds no run.
     """
     if not folders:
@@ -60,7 +61,7 @@ def rows_of(runs: Sequence[Run], names: Sequence[str], which: WhichPolicy) -> tu
 
     Args:
         runs: The runs.
-        names: Labels of the runs, in their order; without any, what `label_of` says.
+        names: Labels of the runs, in their order; without any, those of `label_of`.
         which: The policy of each run to compare.
 
     Raises:
@@ -99,7 +100,7 @@ def labels_of(runs: Sequence[Run], names: Sequence[str]) -> list[str]:
         names: The labels, if the user gave any.
 
     Raises:
-        ValueError: The number of names is not that of the runs, or two rows have the same label.
+        ValueError: There are more or fewer names than runs, or two rows have the same label.
     """
     if names and len(names) != len(runs):
         raise ValueError(f"{len(names)} names for {len(runs)} runs; give one for each")
@@ -156,8 +157,8 @@ def check_comparable(run: Run, first: Run) -> None:
     """Check that two runs share settings and initial states, and learned from the package's expert.
 
     Raises:
-        ValueError: Physics, gait, expert, falls, evaluation, pushes or initial states differ; or
-            one of them has several gaits.
+        ValueError: Robot, physics, gait, commands, expert, falls, evaluation, pushes or initial
+            states differ; or a run has several gaits, or learned from another expert.
     """
     _check_gaits(first)
     _check_gaits(run)
@@ -188,10 +189,10 @@ def check_comparable(run: Run, first: Run) -> None:
 
 
 def _check_gaits(run: Run) -> None:
-    """Check that a run is of one gait, as the expert's row and the pushes are.
+    """Check that a run has one gait, like the expert's row and the pushes.
 
     Raises:
-        ValueError: It is of several.
+        ValueError: It has several.
     """
     if run.config.other_gaits:
         raise ValueError(
@@ -228,7 +229,7 @@ def last_policy(run: Run) -> Path:
     """File of the policy trained last.
 
     Raises:
-        RunError: None has been trained.
+        RunError: No policy has been trained.
     """
     trained = [record.iteration for record in run.metrics if isinstance(record, Trained)]
     if not trained:

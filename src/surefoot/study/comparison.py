@@ -1,9 +1,9 @@
 """The methods side by side: policies of several runs, and the expert, in the same settings.
 
-All are evaluated from the same `test` initial states and are pushed the same way, in each
-simulator, under the first run's settings. A comparison in progress is a sequence of immutable
-`Comparison` records; each is written down after its measurement, so that one that is interrupted
-resumes where it stopped. Read `records` for what it holds, `comparable` for which runs can be.
+In each simulator, all are evaluated from the same `test` initial states and pushed the same way,
+under the first run's settings. A comparison in progress is a sequence of immutable `Comparison`
+records; each is written after its measurement, so an interrupted comparison resumes where it
+stopped. Read `records` for the fields, `comparable` for which runs can be compared.
 """
 
 from __future__ import annotations
@@ -94,8 +94,8 @@ def compare(
 
     Raises:
         ValueError: The runs cannot be compared, the file holds another comparison, or another
-            process goes on with it.
-        RunError: A folder holds no run, or a run no such policy.
+            process is adding to it.
+        RunError: A folder holds no run, or a run has no such policy.
     """
     opened = open_comparable_runs(runs)
     first = opened[0].config
@@ -172,7 +172,7 @@ def baseline_label(rows: Sequence[Row], baseline: Path | None) -> str | None:
         baseline: Folder of its run; None takes the first run of behavior cloning, if there is any.
 
     Raises:
-        ValueError: No row is of that run.
+        ValueError: No row belongs to that run.
     """
     if baseline is None:
         cloned = [row.label for row in rows if row.method == "behavior_cloning"]
@@ -208,8 +208,9 @@ def resume_comparison(path: Path, comparison: Comparison) -> Comparison:
         comparison: What is to be compared, without results.
 
     Raises:
-        ValueError: The file is of another configuration, of other versions or initial states, or
-            holds results of policies that are not asked for, which would be lost.
+        ValueError: The file has another configuration, other versions or other initial states, does
+            not keep the initial states, or has results of policies that are not asked for, which
+            would be lost.
     """
     before = read_comparison(path)
     for name, of_file, asked_for in (
@@ -245,7 +246,7 @@ def resume_comparison(path: Path, comparison: Comparison) -> Comparison:
 
 
 def _keeps_initial_states(row: Row) -> bool:
-    """Whether a row says from which initial states its episodes began."""
+    """Whether a row records the initial states of its episodes."""
     evaluations = [measured.evaluation for measured in row.results.values()]
     return all(each is None or bool(each.initial_states) for each in evaluations)
 
@@ -270,7 +271,7 @@ def with_differences(comparison: Comparison) -> Comparison:
 
 
 def difference_of(row: Row, other: Row | None, simulator: Backend) -> Difference | None:
-    """Paired differences of a row to another in one simulator; None to itself, or without one."""
+    """Paired differences between two rows in one simulator; None without another row."""
     if other is None or other is row:
         return None
     measured = row.results.get(simulator, Measured())

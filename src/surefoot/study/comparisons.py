@@ -1,10 +1,11 @@
-"""The comparisons that a study has planned, with what came out of each.
+"""The comparisons that a study has planned, with the outcome of each.
 
 Every comparison has the means of both techniques, Welch's interval of their difference, and the
 p-value of a permutation test, adjusted by Holm's method over all planned comparisons. A predicted
 difference came true if the interval is on the predicted side of 0 and the adjusted p-value is at
-most 5 %; predicted equality came true if the whole interval lies within a margin. The best policy
-of each run counts. Read `run_statistics` for the tests, `claims` for the rule of the verdicts.
+most 5 %; predicted equality came true if the whole interval lies within a margin. Only the best
+policy of each run counts. Read `run_statistics` for the tests, `claims` for the rule behind the
+verdicts.
 """
 
 from __future__ import annotations
@@ -57,25 +58,25 @@ SENTENCES = {
     "equal": "{} does as well as {}: {}.",
     "none": "{} differs from {}: {}.",
 }
-"""What each prediction says of the technique, the reference, and the measurement."""
+"""The sentence for each prediction, with the technique, the reference, and the measurement."""
 
 
 @dataclass(frozen=True)
 class ComparisonOutcome:
-    """A planned comparison, with what came out.
+    """A planned comparison and its outcome.
 
     Attributes:
         comparison: The comparison, as it was planned.
-        text: The prediction as a sentence; without one, that the techniques differ.
+        text: The prediction as a sentence; without a prediction, that the techniques differ.
         section: The setting, where the study has several; empty otherwise.
         verdict: Whether the prediction came true.
         number: The difference with its interval and every run, as text.
-        reason: Why the verdict is what it is, in sentences.
+        reason: The reason for the verdict, in sentences.
         measured: The difference and both means, in the unit of the values (success as a share, N s,
             mrad); None if not measured yet.
         p: The p-value of the permutation test; None with fewer than two runs of a technique.
         adjusted_p: The same, adjusted by Holm's method over all comparisons of the study.
-        smallest_p: The smallest p-value that so many runs can give; None where there is none.
+        smallest_p: The smallest p-value that this number of runs can give; None without a test.
     """
 
     comparison: PlannedComparison
@@ -106,7 +107,7 @@ class _Pair:
 
 
 def comparison_outcomes(results: StudyResults) -> tuple[ComparisonOutcome, ...]:
-    """What came out of each planned comparison, in the study's order.
+    """The outcome of each planned comparison, in the study's order.
 
     Args:
         results: Results of the study, finished or not. Comparisons that are not measured yet count
@@ -150,7 +151,7 @@ def _sample(results: StudyResults, comparison: PlannedComparison, technique: str
 
 
 def _planned(results: StudyResults, technique: str) -> list[Cell]:
-    """The cells that the study plans of a technique."""
+    """The cells that the study plans for a technique."""
     return [cell for cell in cells_of(results.study) if cell.technique == technique]
 
 
@@ -233,9 +234,9 @@ def predicted_region(
     """Where the difference lies if a prediction comes true.
 
     Args:
-        comparison: The comparison with its prediction. Without one, it is that the techniques
-            differ, to whichever side the difference is.
-        measure: What is measured: more success and impulse are better, less error is.
+        comparison: The comparison with its prediction. Without one, the prediction is that the
+            techniques differ, in the direction of the measured difference.
+        measure: What is measured: more is better for success and impulse, less for deviation.
         measured: The difference.
     """
     better = BELOW_ZERO if measure == "imitation" else ABOVE_ZERO

@@ -1,8 +1,8 @@
 """How long a study will take: the work of each job by its configuration, times measured rates.
 
 The work is counted in MPC solves, in simulated robot-seconds and in training steps, as if no robot
-fell. What each of them takes is measured on this machine before the study begins; once jobs have
-ended, what they took corrects the estimate.
+fell. The time for each of these is measured on this machine before the study begins; once jobs are
+done, the time that they took corrects the estimate.
 """
 
 from __future__ import annotations
@@ -48,11 +48,11 @@ PLANS_PER_SECOND = TICKS_PER_SECOND / GRID
 PHASES = 10
 """Number of phases of the gait at which stored initial states begin."""
 STARTING = 8.0
-"""What a process takes to start: to import, and to load compiled code [s]."""
+"""Time that a process takes to start: for imports, and for loading compiled code [s]."""
 SHARE_OF_EXPERT = 0.1
-"""Share of the time for which the expert is taken to drive under a monitor (paper, V-A)."""
+"""Share of the time that the expert is assumed to drive under a monitor (paper, V-A)."""
 TRIED_LEVELS = 1.2
-"""How many levels of a push are tried in each direction, as a multiple of log2 of their number."""
+"""Number of push levels tried in each direction, as a multiple of log2 of all levels' number."""
 
 
 @dataclass(frozen=True)
@@ -78,13 +78,13 @@ class Work:
         )
 
     def __mul__(self, times: float) -> Work:
-        """The same work so many times."""
+        """The same work, times a factor."""
         return Work(times * self.plans, times * self.robot_seconds, times * self.steps)
 
 
 @dataclass(frozen=True)
 class Rates:
-    """What the parts of the work take on one core of this machine.
+    """How long each part of the work takes on one core of this machine.
 
     Attributes:
         plan: Time of an MPC solve [s].
@@ -104,10 +104,10 @@ class Rates:
 
 
 def measure_rates(config: Config) -> Rates:
-    """Measure what the parts of the work take on one core of this machine.
+    """Measure how long each part of the work takes on one core of this machine.
 
-    That takes half a minute, or some minutes where code is still to be compiled. Processor time
-    counts: what else the machine computes meanwhile does not.
+    That takes half a minute, or some minutes if code must be compiled first. Only processor time
+    counts, so the machine may compute other things in the meantime.
 
     Args:
         config: The configuration of a cell.
@@ -123,7 +123,7 @@ def measure_rates(config: Config) -> Rates:
 
 
 def _with_share_of_core(measure: Callable[[], T]) -> tuple[T, float]:
-    """What a measurement on one thread gives, and the share of a core that it had meanwhile."""
+    """The result of a measurement on one thread, and the share of a core that it had meanwhile."""
     began = time.perf_counter()
     computed = time.process_time()
     measured = measure()
@@ -146,7 +146,7 @@ def work_of(study: StudyConfig, job: StudyJob) -> Work:
 
 
 def first_work(config: Config) -> Work:
-    """What it takes to make the first data and to train the first policy on it."""
+    """The work of making the first data and of training the first policy on it."""
     method = config.method
     if isinstance(method, BehaviorCloningConfig):
         work = _paid_by(first_allowance(config), expert_work(method.data))
@@ -160,7 +160,7 @@ def first_work(config: Config) -> Work:
 
 
 def training_work(config: Config) -> Work:
-    """What a whole run takes, with the choice of the best policy."""
+    """The work of a whole run, including the choice of the best policy."""
     method = config.method
     evaluation = config.evaluation
     validation = Work(robot_seconds=evaluation.episodes * evaluation.duration)
@@ -168,7 +168,7 @@ def training_work(config: Config) -> Work:
     if isinstance(method, BehaviorCloningConfig):
         return work + validation * method.sizes
     allowed = first_allowance(config)
-    share = None  # of an iteration in the budget, as if each spent its own
+    share = None  # solves of an iteration, as if the budget were split evenly
     if config.budget.expert_seconds is not None and allowed is not None:
         left = solves_of(config.budget.expert_seconds) - allowed
         share = left // max(method.iterations, 1)
@@ -206,7 +206,7 @@ def _paid_by(allowed: int | None, work: Work) -> Work:
 
 
 def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
-    """What it takes to measure the policies of a cell."""
+    """The work of measuring the policies of a cell."""
     work = Work()
     is_expert = study.technique(job.cell.technique).method == EXPERT
     if is_expert and job.needs:
@@ -217,7 +217,7 @@ def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
 
 
 def _measurement_work(measurement: Measurement, config: Config, is_expert: bool) -> Work:
-    """What one measurement of a cell takes."""
+    """The work of one measurement of a cell."""
     measured = measured_config(config, measurement)
     if measurement.measure == "imitation":
         seconds = imitation.ROLLOUTS * imitation.DURATION
@@ -240,7 +240,7 @@ def _measurement_work(measurement: Measurement, config: Config, is_expert: bool)
 
 
 def expert_work(data: ExpertData) -> Work:
-    """What expert rollouts take."""
+    """The work of expert rollouts."""
     rollouts = data.velocities * (PHASES * data.perturbations + int(data.nominal))
     seconds = rollouts * data.duration
     return Work(seconds * PLANS_PER_SECOND, seconds)
@@ -256,10 +256,10 @@ def _training_steps(config: Config, frames: float, epochs: int | Steps) -> Work:
 
 @dataclass(frozen=True)
 class Estimate:
-    """How long the jobs of a study take on one core of this machine.
+    """How long each job of a study takes on one core of this machine.
 
     Attributes:
-        seconds: Job -> how long it takes in all [s].
+        seconds: Job -> its total time [s].
         processor: Model of the processor.
     """
 
@@ -267,13 +267,13 @@ class Estimate:
     processor: str
 
     def of(self, jobs: Sequence[StudyJob]) -> Estimate:
-        """The same estimate for some of its jobs only."""
+        """The same estimate, for only some of its jobs."""
         return Estimate({job.name: self.seconds[job.name] for job in jobs}, self.processor)
 
     def left(self, statuses: Sequence[JobStatus], workers: int) -> float:
-        """How long a study still takes, as far as its jobs can run beside each other [s].
+        """How long a study still takes, if its jobs keep all workers busy [s].
 
-        What jobs that are done took, instead of what was estimated for them, corrects the rest.
+        The rest is scaled by how long the jobs that are done took, compared with their estimate.
 
         Args:
             statuses: How far the jobs are.
@@ -291,7 +291,7 @@ class Estimate:
 
 
 def _what_rates_depend_on(config: Config) -> str:
-    """The parts of a configuration that say what a plan, a tick and a training step take."""
+    """The parts of a configuration that the times of a plan, a tick and a step depend on."""
     parts = (
         config.robot,
         config.gait,
@@ -314,8 +314,8 @@ def estimate_study(
     Args:
         study: The study.
         jobs: Its jobs.
-        folder: Folder where the estimate is kept, and taken from where it is there already; None
-            keeps it nowhere.
+        folder: Folder where the estimate is kept, and from which it is read if it is there already;
+            None does not keep it.
     """
     before = None if folder is None else read_estimate(folder, jobs)
     if before is not None:
@@ -335,7 +335,7 @@ def estimate_study(
 
 
 def read_estimate(folder: Path, jobs: Sequence[StudyJob]) -> Estimate | None:
-    """The estimate in the folder of a study, if it was made on such a machine and of its jobs.
+    """The estimate in a study's folder, if it is for this model of processor and these jobs.
 
     Args:
         folder: Folder of the study.

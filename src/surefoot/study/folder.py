@@ -1,9 +1,9 @@
-"""The files in a study's folder, one record each: what they hold, where they lie, how to read them.
+"""The files in a study's folder, one record each: their content, their place, how to read them.
 
-The folder of a study holds ``study.json`` and a folder for each cell, with the configuration of the
+The folder of a study has ``study.json`` and a folder for each cell, with the configuration of the
 run, its metrics, what was measured of its policies, a record of each job, and the policy that is
-kept. All of it can be committed; the folders of runs, logs and code beside it are only needed while
-the study runs. Read `results` for what they say together.
+kept. All of these can be committed; the folders of runs, logs and code beside them are only needed
+while the study runs. Read `results` for how the files are read together.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ class StudySetup:
         study: The study.
         commit: The commit of the code that its jobs run; None if it was not in a checkout.
         version: Version of the package.
-        precision: The number format in which cells train whose precision is `auto`, measured once
-            for all of them.
+        precision: The number format for cells whose precision is `auto`, measured once for all of
+            them.
         beginnings: Name of a cell -> name of the job that makes what it begins with
-            (`cells.beginnings_of`), when the study began; None in files of earlier versions.
+            (`cells.beginnings_of`), as of the study's start; None in files of earlier versions.
     """
 
     study: StudyConfig
@@ -55,18 +55,18 @@ class StudySetup:
 
     @property
     def jobs(self) -> tuple[StudyJob, ...]:
-        """All jobs of the study, each after those that it needs; as when it began."""
+        """All jobs of the study, as of its start, each after those that it needs."""
         return jobs_of(self.study, self.beginnings)
 
 
 @dataclass(frozen=True)
 class JudgedPrediction:
-    """What came of a prediction, as a person judges it.
+    """A prediction and its outcome, as a person judges it.
 
     Attributes:
-        prediction: The sentence, as the study has it.
+        prediction: The sentence, exactly as in the study.
         verdict: Whether it came true, in a word or two.
-        came_out: What came out.
+        came_out: The outcome, in words.
     """
 
     prediction: str
@@ -79,7 +79,7 @@ class Judged:
     """The content of a study's ``judged.json``.
 
     Attributes:
-        predictions: What came of the predictions.
+        predictions: The predictions that have been judged.
     """
 
     predictions: tuple[JudgedPrediction, ...] = ()
@@ -95,10 +95,10 @@ class JobRecord:
         processors: Models of the processors that it ran on, more than one if it was moved.
         versions: Version of Python and of each package, by name.
         precision: Number format of the products in training; empty if nothing was trained.
-        started: When it was started first, in UTC, as ISO 8601.
-        seconds: Processor time of all its slices [s]; in files of earlier versions how long they
-            took, pauses included.
-        finished: Whether it is done; if not, it goes on where it stopped.
+        started: When it was first started, in UTC, as ISO 8601.
+        seconds: Processor time of all its slices [s]; in files of earlier versions, their wall
+            time, pauses included.
+        finished: Whether it is done; if not, it continues where it stopped.
     """
 
     job: str
@@ -113,7 +113,7 @@ class JobRecord:
 
 @dataclass(frozen=True)
 class PolicyTest:
-    """What one measurement says of one policy, or of the expert.
+    """The results of one measurement for one policy, or for the expert.
 
     Attributes:
         iteration: Iteration that trained the policy (behavior cloning: number of the size of its
@@ -135,13 +135,13 @@ class PolicyTest:
 
 @dataclass(frozen=True)
 class Tests:
-    """What one measurement says of the policies of one cell.
+    """The results of one measurement for the policies of one cell.
 
     Attributes:
         measurement: Name of the measurement.
         policies: The policies, in the order of their iterations.
         finished: Whether all of them are measured.
-        options: What the study said of it (`cells.measured_options`); None in files of earlier
+        options: The study's options for it (`cells.measured_options`); None in files of earlier
             versions.
     """
 
@@ -150,7 +150,7 @@ class Tests:
     finished: bool
     options: Options | None = None
 
-    __test__ = False  # no test of pytest
+    __test__ = False  # pytest must not collect it
 
 
 def run_config(setup: StudySetup, cell: Cell, base: Config | None = None) -> Config:
@@ -159,7 +159,7 @@ def run_config(setup: StudySetup, cell: Cell, base: Config | None = None) -> Con
     Args:
         setup: The study.
         cell: The cell.
-        base: What the study's options change; without it the preset of the cell's technique.
+        base: The configuration that the study's options change; None is the technique's preset.
     """
     config = cell_config(setup.study, cell, base)
     if config.training.precision != "auto":
@@ -168,7 +168,7 @@ def run_config(setup: StudySetup, cell: Cell, base: Config | None = None) -> Con
 
 
 def save_setup(folder: Path, setup: StudySetup) -> None:
-    """Write what fixes a study into its folder.
+    """Write a study's setup into its folder.
 
     Raises:
         WriteError: The folder cannot be written to.
@@ -189,10 +189,11 @@ def read_study(folder: Path) -> StudySetup:
 
 
 def read_predictions(folder: Path, study: StudyConfig) -> tuple[JudgedPrediction, ...]:
-    """The predictions of a study with what came of them; empty texts where nobody has judged yet.
+    """The predictions of a study with their outcomes; empty texts for those not judged yet.
 
     Raises:
-        StudyError: The file cannot be read, or judges what the study does not predict.
+        StudyError: The file cannot be read, judges a prediction twice, or judges something that the
+            study does not predict.
     """
     path = folder / JUDGED_FILE
     judged = _read(Judged, path).predictions if path.exists() else ()
@@ -244,12 +245,12 @@ def save_run(folder: Path, cell: Cell, run: Run) -> None:
 
 
 def save_tests(folder: Path, cell: Cell, tests: Tests) -> None:
-    """Keep what a measurement says of a cell."""
+    """Keep the results of a measurement of a cell."""
     write_json(results_folder(folder, cell) / TESTS_FOLDER / f"{tests.measurement}.json", tests)
 
 
 def read_tests(folder: Path, study: StudyConfig, cell: Cell, measurement: str) -> Tests | None:
-    """What a measurement says of a cell; None if nothing yet.
+    """The results of a measurement of a cell; None if there are none yet.
 
     Args:
         folder: Folder of the study.
@@ -280,7 +281,7 @@ def save_job(folder: Path, cell: Cell, record: JobRecord) -> None:
 
 
 def read_job(folder: Path, cell: Cell, job: str) -> JobRecord | None:
-    """The record of a job; None if it has not ended once.
+    """The record of a job; None if it has never ended.
 
     Raises:
         StudyError: The file cannot be read.

@@ -1,8 +1,8 @@
-"""The files of a study's own in its folder, which nothing but the study and its report may write.
+"""A study's own files in its folder, which no command but the study's and its report's may write.
 
-What lies beside them anything may write, such as films of the policies that a study keeps. What the
-runs of a study own is in `surefoot.runs.layout`. `folder` says what the files hold, `state` how far
-the study is, by them.
+Other files beside them are free for any use, such as films of the policies that a study keeps. Read
+`surefoot.runs.layout` for the files that the study's runs own, `folder` for what the files contain,
+and `state` for what they tell about the study's progress.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ from surefoot.runs.layout import folder_that_owns
 STUDY_FILE = "study.json"
 """File in a study's folder that makes the folder a study."""
 JUDGED_FILE = "judged.json"
-"""File in which whoever ran the study says what came of its predictions."""
+"""File in which whoever ran the study records the outcome of its predictions."""
 ESTIMATE_FILE = "estimate.json"
 """File that keeps the study's estimate of how long it takes."""
 PAUSED_FILE = "paused"
-"""There while the study is paused."""
+"""File that exists while the study is paused."""
 LOCK_FILE = ".lock"
-"""Locked by the process that runs the study or, in the folder of a job, does the job."""
+"""File locked by the process that runs the study or, in a job's folder, by the one that does it."""
 WORKERS_FILE = ".workers"
-"""How many jobs the process that has claimed the study runs at a time."""
+"""File with the number of jobs that the process which runs the study runs at a time."""
 CODE_FOLDER = "code"
 """The worktree of the commit that the study's jobs run."""
 JOBS_FOLDER = "jobs"
-"""Folder of what the jobs print and, in that of a cell, of their records."""
+"""Folder of the jobs' output and, in a cell's folder, of their records."""
 TESTS_FOLDER = "tests"
-"""Folder of what was measured, in that of a cell."""
+"""Folder of the measurements, in a cell's folder."""
 PAGE_FILE = "report.html"
 """File of the page of a report."""
 FIGURES_FOLDER = "figures"
@@ -55,7 +55,7 @@ OWN = frozenset(
 def study_that_owns(path: Path, new_study: Path | None = None) -> Path | None:
     """The folder of the study that a file belongs to, or None if it belongs to none.
 
-    A link is followed: it belongs to a study if it lies there, or if what it points to does.
+    Links are followed: a link belongs to a study if it, or the file that it points to, does.
 
     Args:
         path: The file; it need not exist.
@@ -65,12 +65,12 @@ def study_that_owns(path: Path, new_study: Path | None = None) -> Path | None:
 
 
 def _is_study(folder: Path) -> bool:
-    """Whether a study has begun in a folder: a file to begin with may have the same name."""
+    """Whether a study has begun in a folder; a file that describes one may have the same name."""
     path = folder / STUDY_FILE
     if not path.is_file():
         return False
     try:
         values = read_json(path)
     except (OSError, ValueError):
-        return True  # of one that is damaged, all else is still worth keeping
+        return True  # even if this file is damaged, all else is worth keeping
     return isinstance(values, dict) and "study" in values

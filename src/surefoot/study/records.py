@@ -1,9 +1,9 @@
 """The records of a comparison of methods, and of a survey of variants of the expert.
 
 A `Comparison` has one `Row` for the expert and one for each run, a `Survey` has one `SurveyCell`
-for each variant. What has not been measured yet is None: it fills up while the study is in
-progress. The readers also take files of earlier versions. Next: `comparison` and `expert_survey`,
-which measure; `tables` and `plot`, which show.
+for each variant. What has not been measured yet is None, and is filled in while the study is in
+progress. The readers also accept files of earlier versions. Next: `comparison` and `expert_survey`
+for the measurements, `tables` and `plot` for how they are shown.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Rules = Literal["published", "own"]
 Variant = tuple[Backend, Nodes, Rules]
 """A variant of the expert."""
 _PREFIXES = {"paper": "", "wide": "wide_"}
-"""What the keys of a cell's two survivals begin with in JSON."""
+"""Prefixes of the JSON keys of a cell's two survivals."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Difference:
-    """Paired differences of one row to another, in one simulator.
+    """Paired differences between one row and another, in one simulator.
 
     Attributes:
         success: Difference of the success rates.
@@ -59,7 +59,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Differences:
-    """Paired differences of a row to the two that all rows are compared with, in one simulator.
+    """Paired differences between a row and the two reference rows, in one simulator.
 
     Attributes:
         expert: Row minus expert; None in the expert's row.
@@ -126,7 +126,7 @@ class Survival:
         survived: Number of robots that did not fall, and that the expert did not give up on.
         survived_interval: Wilson's 95 % interval of the share that survived.
         stalls: Number of robots that stayed up and stopped stepping.
-        lost: Ids of the initial states that were not survived.
+        lost: Ids of the initial states that the robots did not survive.
         invalid_plans: Number of MPC solves that gave no valid plan.
         mse: Mean squared velocity error from 1 s on: vx, vy [m^2/s^2], yaw rate [rad^2/s^2].
         starts_hash: SHA-256 of the set of initial states.
@@ -144,7 +144,7 @@ class Survival:
 
 @dataclass(frozen=True)
 class SurveyCell:
-    """What has been measured of one variant of the expert; None is not measured yet.
+    """What has been measured of one variant of the expert; None where nothing has been yet.
 
     Attributes:
         simulator: The simulator.
@@ -152,7 +152,7 @@ class SurveyCell:
         rules: The rules for footholds and commands.
         plan_ms: Wall time of cold plans [ms].
         paper: Survival of the initial states with the paper's deviations.
-        wide: Survival of the initial states with 1.5 times those.
+        wide: Survival of the initial states with 1.5 times those deviations.
         push: The impulses that the variant withstands.
     """
 
@@ -166,7 +166,7 @@ class SurveyCell:
 
     @property
     def variant(self) -> Variant:
-        """What tells the cell from the others."""
+        """What distinguishes the cell from the others."""
         return self.simulator, self.nodes, self.rules
 
     @property
@@ -198,7 +198,7 @@ class Survey:
 
 
 def read_comparison(path: Path) -> Comparison:
-    """Read a comparison, finished or in progress, also one of an earlier version.
+    """Read a comparison, finished or in progress, even if an earlier version wrote it.
 
     Raises:
         ValueError: The file is not JSON, or has unknown or missing keys; the message names the file
@@ -212,7 +212,7 @@ def read_comparison(path: Path) -> Comparison:
 
 
 def read_survey(path: Path) -> Survey:
-    """Read a survey, finished or in progress, also one of an earlier version.
+    """Read a survey, finished or in progress, even if an earlier version wrote it.
 
     Raises:
         ValueError: The file is not JSON, or has unknown or missing keys; the message names the file
@@ -233,7 +233,7 @@ def read_survey(path: Path) -> Survey:
 
 
 def write_survey(path: Path, survey: Survey) -> None:
-    """Write a survey as JSON, in which the fields of a cell's survivals stand beside its others.
+    """Write a survey as JSON, with the fields of a cell's survivals among its other fields.
 
     Raises:
         WriteError: The file cannot be written.
@@ -247,7 +247,7 @@ def write_survey(path: Path, survey: Survey) -> None:
 
 
 def _read_cell(cell: object, where: str) -> SurveyCell:
-    """A cell from its JSON values, in which the fields of its survivals stand beside its others."""
+    """A cell from its JSON values, with the fields of its survivals among its other fields."""
     values = _object(cell, where)
     for name, prefix in _PREFIXES.items():
         if f"{prefix}survived" in values:
@@ -259,7 +259,7 @@ def _read_cell(cell: object, where: str) -> SurveyCell:
 
 
 def _read_push(push: object, where: str) -> PushLimits:
-    """Pushes from their JSON values; earlier versions wrote no outcome of each robot."""
+    """Pushes from their JSON values; earlier versions did not write each robot's outcome."""
     values = _object(push, where)
     if "survived" in values:
         return from_json(PushResult, values, where)
@@ -268,10 +268,10 @@ def _read_push(push: object, where: str) -> PushLimits:
 
 
 def _object(value: object, where: str) -> dict[str, Any]:
-    """A copy of JSON values that have keys.
+    """A copy of a JSON object.
 
     Raises:
-        ValueError: They have none.
+        ValueError: The value is not an object.
     """
     if not isinstance(value, dict):
         raise ValueError(f"{where} is {value!r}, expected an object with keys")

@@ -1,7 +1,7 @@
-"""What a study leaves for its report: all results of its cells, read together.
+"""All results of a study's cells, read together for its report.
 
 `read_results` refuses results that do not belong together. Read `folder` for the files that they
-come from, `claims` and `report` for what is made of them.
+come from, `claims` and `report` for what is made from them.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ from surefoot.study.layout import STUDY_FILE
 
 @dataclass(frozen=True)
 class CellResult:
-    """All that is known of one cell.
+    """All that is known about one cell.
 
     Attributes:
         cell: The cell.
         config: Configuration of its run.
         metrics: Its metrics, one record for each stage; none for the expert.
-        tests: Measurement -> what it says of the cell's policies.
+        tests: Measurement -> its results for the cell's policies.
         jobs: The jobs that made it, as far as they are recorded.
         policy: File of the policy that is kept, if one is.
     """
@@ -65,7 +65,7 @@ class CellResult:
         return best_iteration(self.metrics)
 
     def best_test(self, measurement: str) -> PolicyTest | None:
-        """What a measurement says of the best policy, or of the expert; None if nothing yet."""
+        """A measurement's results for the best policy, or for the expert; None if none yet."""
         if measurement not in self.tests:
             return None
         wanted = 0 if not self.metrics else self.best_iteration
@@ -77,7 +77,7 @@ class CellResult:
 
 @dataclass(frozen=True)
 class StudyResults:
-    """All that is known of a study.
+    """All that is known about a study.
 
     Attributes:
         setup: The study, and the commit that it ran.
@@ -168,9 +168,10 @@ def read_cell(folder: Path, setup: StudySetup, cell: Cell) -> CellResult | None:
 
 
 def _asked_of(setup: StudySetup, cell: Cell, run: Run) -> Config:
-    """The configuration that a study asks of a cell's run, to be compared with what the run has.
+    """The configuration that a study asks for in a cell's run, to compare with what the run has.
 
-    What the study does not name is as the run has it: presets change from version to version.
+    Options that the study does not name are taken from the run, because presets change from version
+    to version.
 
     Args:
         setup: The study.
@@ -179,17 +180,17 @@ def _asked_of(setup: StudySetup, cell: Cell, run: Run) -> Config:
     """
     asked = run_config(setup, cell, run.config)
     if asked.start_set not in (None, *PACKAGED) and not Path(asked.start_set).exists():
-        # A file of another machine: the results have their own copy of the initial states.
+        # The file is on another machine: the results have their own copy of the initial states.
         asked = replace(asked, start_set=run.config.start_set)
     spec = run.config.robot.spec
     if spec and asked.robot.spec and replace(asked.robot.spec, urdf=spec.urdf) == spec:
-        # Likewise: what the run had is in its own copy of the description.
+        # Likewise, the results have their own copy of the robot's description.
         asked = replace(asked, robot=replace(asked.robot, spec=spec))
     return resumed_config(asked, run.config, read_setup(run.folder).starts_hash)
 
 
 def _is_complete(study: StudyConfig, result: CellResult) -> bool:
-    """Whether everything has been measured of a cell."""
+    """Whether all measurements of a cell are finished."""
     return all(
         name in result.tests and result.tests[name].finished
         for name in measurements_of(study, result.cell)
@@ -197,9 +198,9 @@ def _is_complete(study: StudyConfig, result: CellResult) -> bool:
 
 
 def _common_part(config: Config) -> Config:
-    """A configuration as all runs of a technique under a setting have it."""
+    """The part of a configuration that is the same in all runs of a technique under a setting."""
     config = without_files(config)
-    # Of files that are not there, as results of earlier versions lack some, the name says all.
+    # Results of earlier versions lack some of these files, so only their names are compared.
     others = tuple(
         replace(other, start_set=Path(other.start_set or "").name) for other in config.other_gaits
     )
@@ -208,16 +209,16 @@ def _common_part(config: Config) -> Config:
 
 
 def _check_together(setup: StudySetup, results: Sequence[CellResult]) -> None:
-    """Check that results may stand in one table.
+    """Check that results may be shown in one table.
 
     Raises:
-        StudyError: They are of several commits, or of several precisions of training, or the runs
-            of a technique are of several configurations.
+        StudyError: They come from several commits or several precisions of training, or the runs of
+            a technique have several configurations.
     """
     first: dict[tuple[str, str], tuple[str, Config]] = {}
     for result in results:
         if not result.metrics:
-            continue  # its run has not kept its configuration yet: it has that of the presets
+            continue  # no configuration of its run has been kept yet: it has that of the presets
         common = _common_part(result.config)
         same = (result.cell.name, common)
         other, theirs = first.setdefault((result.cell.technique, result.cell.setting), same)

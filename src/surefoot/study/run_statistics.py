@@ -1,11 +1,11 @@
-"""The run as the unit: means over runs, differences of two sets of runs, tests, and Holm.
+"""The run as the unit: means over runs, differences of two sets of runs, tests, and Holm's method.
 
-What is measured of each run is one value; rollouts only tell how well that value is known. A mean
-over runs has a t interval, a difference of means Welch's, and a difference of two sets of runs is
-tested by exchanging the runs in all possible ways (an exact permutation test). Shares of rollouts
-have the same intervals, never narrower than the score interval of all rollouts together, because a
-few runs may agree by chance. `evaluation.statistics` has the equations. Read `claims` for how a
-verdict is made of an interval.
+Each run contributes one value; its rollouts only show how well that value is known. A mean over
+runs has a t interval, a difference of means has Welch's interval, and a difference of two sets of
+runs is tested by exchanging the runs in all possible ways (an exact permutation test). Shares of
+rollouts have the same intervals, never narrower than the score interval of all rollouts together,
+because a few runs may agree by chance. `evaluation.statistics` has the equations. Read `claims` for
+how an interval leads to a verdict.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from surefoot.evaluation.statistics import (
 )
 
 EXCHANGES = 200_000
-"""Exchanges of runs that a permutation test tries: all, if there are no more (10 against 10 runs
-have 184,756), and otherwise this many at random."""
+"""Exchanges of runs that a permutation test tries: all of them if there are no more than this (10
+against 10 runs have 184,756), and otherwise this many at random."""
 
 
 @dataclass(frozen=True)
 class Runs:
-    """What was measured of each run.
+    """What was measured for each run.
 
     Attributes:
         values: ``(R,)`` the value of each run. A share is a number from 0 to 1.
@@ -49,11 +49,11 @@ class Runs:
     seeds: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check that the values are numbers, and shares those of a number of rollouts.
+        """Check that all values are finite, and that shares have rollouts and lie from 0 to 1.
 
         Raises:
-            ValueError: There is no run, a value is no number, or a share is not one of so many
-                rollouts.
+            ValueError: There is no run, a value is not finite, a share is not from 0 to 1, or the
+                numbers of rollouts do not fit the runs.
         """
         if not self.values or not np.isfinite(self.values).all():
             raise ValueError(f"values of runs {self.values}; give at least one, all of them finite")
@@ -88,9 +88,9 @@ class RunDifference:
 def mean_of_runs(runs: Runs) -> RunMeans:
     """Mean over runs with its 95 % t interval; each run has the same weight.
 
-    The interval of a share is never narrower than the score interval of all rollouts together: so
-    it is the one that remains where all runs are at 0 or at 100 %. It then supposes that runs
-    differ no more than their rollouts do by chance (`run_interval`).
+    The interval of a share is never narrower than the score interval of all rollouts together,
+    which is what remains if all runs are at 0 or at 100 %. It then assumes that runs differ no more
+    than their rollouts do by chance (`run_interval`).
     """
     if runs.rollouts is None:
         interval = mean_interval(runs.values)
@@ -103,8 +103,8 @@ def difference_of_runs(a: Runs, b: Runs) -> RunDifference:
     """Mean of one set of runs minus that of another set, with Welch's 95 % t interval.
 
     The interval of a difference of shares is never narrower than Newcombe's of all rollouts
-    together. There is none if a set has a single run, or if, of values that are no shares, all of
-    both sets are equal.
+    together. There is none if a set has a single run, or if the values are not shares and neither
+    set has any spread.
 
     Args:
         a: The first set of runs.
@@ -138,12 +138,13 @@ def _welch_interval(a: NDArray[np.float64], b: NDArray[np.float64]) -> Interval 
 def change_in_runs(after: Runs, before: Runs) -> RunDifference:
     """Mean change from one measurement of some runs to another one of the same runs.
 
-    It has the t interval of the changes of the runs; that of a share is never narrower than
-    Newcombe's of all rollouts together.
+    Its interval is the t interval of the runs' changes; for shares, it is never narrower than
+    Newcombe's interval of all rollouts together.
 
     Args:
         after: The later measurement.
-        before: The earlier one of the same runs in the same order (`of_both`), which is subtracted.
+        before: The earlier measurement of the same runs in the same order (`of_both`), which is
+            subtracted.
 
     Raises:
         ValueError: These are not the same runs.
@@ -160,7 +161,7 @@ def change_in_runs(after: Runs, before: Runs) -> RunDifference:
 def of_both(after: Runs, before: Runs) -> tuple[Runs, Runs] | None:
     """The runs that two measurements have in common, in the same order; None if there is none.
 
-    A run may lack one of them: a budget, for example, may leave an iteration without rollouts.
+    A run may lack one of the two: a budget, for example, may leave an iteration without rollouts.
 
     Args:
         after: One measurement, with the seeds of its runs.
@@ -183,7 +184,7 @@ def _only(runs: Runs, seeds: list[int]) -> Runs:
 
 
 def _no_narrower_than_rollouts(interval: Interval | None, a: Runs, b: Runs) -> Interval | None:
-    """The interval of a difference, widened for shares by what their rollouts show."""
+    """The interval of a difference; for shares, at least as wide as their rollouts' interval."""
     if a.rollouts is None or b.rollouts is None:
         return interval
     low, high = unpaired_difference(
@@ -202,12 +203,12 @@ def permutation_p(a: Sequence[float], b: Sequence[float]) -> float:
 
     Under the hypothesis that the sets do not differ, every way to divide all runs into sets of
     these sizes is equally probable. The p-value is twice the share of ways whose difference of
-    means is as extreme on the observed side, at most 1: exact up to `EXCHANGES` ways, and otherwise
-    estimated from as many random ones, which are the same for the same runs.
+    means is at least as extreme on the observed side, and at most 1. It is exact up to `EXCHANGES`
+    ways, and otherwise estimated from that many random ones, always the same for the same runs.
 
     Args:
         a: The value of each run of one set, at least two.
-        b: That of each run of the other set, at least two.
+        b: The value of each run of the other set, at least two.
     """
 
     def difference(
@@ -229,7 +230,7 @@ def permutation_p(a: Sequence[float], b: Sequence[float]) -> float:
 
 
 def smallest_p(n_a: int, n_b: int) -> float:
-    """The smallest p-value that `permutation_p` can give two sets of so many runs.
+    """The smallest p-value that `permutation_p` can give for two sets of these sizes.
 
     With 3 against 3 runs it is 2/20, with 5 against 5 it is 2/252.
 
@@ -241,14 +242,14 @@ def smallest_p(n_a: int, n_b: int) -> float:
 
 
 def holm(p: Sequence[float | None]) -> tuple[float | None, ...]:
-    """Adjust the p-values of a list of comparisons, so that a false finding in it is at most 5 %.
+    """Adjust p-values so that at a level of 5 %, any false finding has a chance of at most 5 %.
 
     Holm's method: with m comparisons the smallest p is multiplied by m, the next by m - 1, and so
     on; an adjusted value is at least the one before it, and at most 1.
 
     Args:
-        p: The p-value of each comparison that was planned; None for those not measured yet, which
-            count in m.
+        p: The p-value of each planned comparison; None for those not measured yet, which also count
+            in m.
 
     Returns:
         The adjusted value of each, None for None.

@@ -1,9 +1,9 @@
 """What each run of a study shows, as one value: failures, expert share, success, errors, impulses.
 
-Each function takes a cell and gives its value, or None where that is not measured yet; `runs_of`
-and `shares_of` collect the values of the runs of a technique. Several trainings on the data of one
-seed are no independent runs: they count as one, with their mean. Read `run_statistics` for what is
-made of the values, and `claims` for who asks.
+Each function takes a cell and returns its value, or None if that has not been measured yet;
+`runs_of` and `shares_of` collect the values of a technique's runs. Several trainings on the data of
+one seed are not independent runs: they count as one run, with their mean. Read `run_statistics` for
+what is computed from the values, and `claims` for what uses them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from surefoot.study.results import CellResult
 from surefoot.study.run_statistics import Runs
 
 Counted = tuple[int, int]
-"""How many rollouts are counted, and the number of all of them."""
+"""Number of rollouts that are counted, and number of all rollouts."""
 MONITORED = ("safe_dagger", "loco_safe_dagger")
 """Methods whose rollouts fail in the paper's count only if the MPC diverges: the expert takes over
 before the policy falls."""
@@ -32,11 +32,11 @@ Axis = Literal[0, 1, 2]
 def runs_of(
     cells: Iterable[CellResult], value_of: Callable[[CellResult], float | None]
 ) -> Runs | None:
-    """A value of each seed that has one, the mean over its trainings; None if no seed has one.
+    """The value of each seed that has one, as the mean over its trainings; None without any.
 
     Args:
         cells: The cells of a technique under a setting.
-        value_of: The value of a cell; None where it is not measured yet.
+        value_of: Returns the value of a cell, or None if that has not been measured yet.
     """
     by_seed: dict[int, list[float]] = {}
     for cell in cells:
@@ -50,14 +50,14 @@ def runs_of(
 def shares_of(
     cells: Iterable[CellResult], counted: Callable[[CellResult], Counted | None]
 ) -> Runs | None:
-    """A share of rollouts of each seed that has one; None if no seed has one.
+    """The share of rollouts for each seed that has one; None without any.
 
-    Trainings on the data of one seed are tried from the same initial states: they have the mean of
-    their shares, and count no more rollouts than one of them.
+    Trainings on the data of one seed are tried from the same initial states: they count as one run
+    with the mean of their shares, and with no more rollouts than one of them has.
 
     Args:
         cells: The cells of a technique under a setting.
-        counted: What is counted of a cell; None where it is not measured yet.
+        counted: Returns the count for a cell, or None if that has not been measured yet.
     """
     by_seed: dict[int, list[Counted]] = {}
     for cell in cells:
@@ -93,11 +93,11 @@ def iterations_collected(cell: CellResult) -> list[Collected]:
 def paper_failures(record: Collected, method: str) -> int:
     """Failed rollouts of an iteration in the paper's count (IV-F), as far as it can be repeated.
 
-    With LocoSafeDAGGER a rollout fails if the MPC diverges, and so it does with SafeDAGGER, which
-    the paper does not count. With LocoDAGGER it fails if the MPC diverges while it drives, or if
-    the robot falls while the policy drives: here, while it drives in the tick of the fall. Our
-    rollouts end with a fall, those of the paper's research code go on; an MPC that would have
-    diverged on a fallen robot is no failure here.
+    With LocoSafeDAGGER a rollout fails if the MPC diverges; SafeDAGGER, which the paper does not
+    count, is counted in the same way. With LocoDAGGER a rollout fails if the MPC diverges while it
+    drives, or if the robot falls while the policy drives, which here means in the tick of the fall.
+    Our rollouts end with a fall, whereas those of the paper's research code continue, so an MPC
+    that would have diverged on a fallen robot is not a failure here.
 
     Args:
         record: What an iteration has collected.
@@ -109,18 +109,18 @@ def paper_failures(record: Collected, method: str) -> int:
 
 
 def failed(records: Sequence[Collected], method: str) -> Counted:
-    """The paper's failures of some iterations, of all their rollouts."""
+    """The failures of some iterations in the paper's count, and the number of their rollouts."""
     failures = sum(paper_failures(record, method) for record in records)
     return failures, sum(record.episodes for record in records)
 
 
 def fell(records: Sequence[Collected]) -> Counted:
-    """The rollouts of some iterations that ended in a fall, whoever drove, of all."""
+    """The rollouts of some iterations that ended in a fall, whoever drove, and their total."""
     return sum(record.falls for record in records), sum(record.episodes for record in records)
 
 
 def lost(records: Sequence[Collected]) -> Counted:
-    """The rollouts of some iterations that ended in a fall or with a diverging MPC, of all."""
+    """The rollouts of some iterations that ended in a fall or a diverging MPC, and their total."""
     ended = sum(record.falls + record.diverged for record in records)
     return ended, sum(record.episodes for record in records)
 
@@ -136,18 +136,18 @@ def falls_per_minute(cell: CellResult) -> float | None:
 
 
 def _with_rollouts(records: Sequence[Collected]) -> list[Collected]:
-    """Those iterations that could afford a rollout: in the others nobody drove."""
+    """The iterations whose budget allowed any rollout: in the others nobody drove."""
     return [record for record in records if record.episodes > 0]
 
 
 def expert_share(records: Sequence[Collected]) -> float | None:
-    """Mean over some iterations of the share of the time before the tails that the expert drove."""
+    """The share of the time before the tails that the expert drove, mean over some iterations."""
     found = [record.expert_share for record in _with_rollouts(records)]
     return float(np.mean(found)) if found else None
 
 
 def share_with_tail(cell: CellResult) -> float | None:
-    """Mean over the iterations of the expert's share of the whole time, tails included."""
+    """The share of the whole time, tails included, that the expert drove, mean over iterations."""
     records = _with_rollouts(iterations_collected(cell))
     found = [record.expert_share_with_tail for record in records]
     return float(np.mean(found)) if found else None
@@ -160,13 +160,13 @@ def largest_rise(cell: CellResult) -> float | None:
 
 
 def solves(cell: CellResult) -> float | None:
-    """Number of MPC solves of all iterations after the pre-training."""
+    """Number of MPC solves in all iterations after the pre-training."""
     records = iterations_collected(cell)
     return float(sum(record.plans for record in records)) if records else None
 
 
 def solves_per_second(cell: CellResult) -> float | None:
-    """MPC solves of these iterations for each second of their rollouts before the tails [1/s]."""
+    """MPC solves after the pre-training for each second of rollouts before the tails [1/s]."""
     records = iterations_collected(cell)
     known = [record.rollout_seconds for record in records if record.rollout_seconds is not None]
     if not records or len(known) < len(records):
@@ -187,19 +187,19 @@ def dataset_frames(cell: CellResult) -> float | None:
 
 
 def policy_tests(cell: CellResult, measurement: str) -> tuple[PolicyTest, ...]:
-    """What a measurement says of a cell's policies, in their order; none unless it is finished."""
+    """A measurement's results for a cell's policies, in their order; none until it is finished."""
     tests = cell.tests.get(measurement)
     return tests.policies if tests is not None and tests.finished else ()
 
 
 def robustness_of(cell: CellResult, measurement: str, which: Literal[0, -1]) -> Robustness | None:
-    """The robustness of the first or the last policy of a cell; None if not measured yet."""
+    """The robustness of a cell's first or last policy; None if not measured yet."""
     tests = policy_tests(cell, measurement)
     return tests[which].robustness if tests else None
 
 
 def successes(robustness: Robustness | None) -> Counted | None:
-    """The episodes that succeeded, of all."""
+    """Number of episodes that succeeded, and number of all episodes."""
     return None if robustness is None else (robustness.successes, robustness.episodes)
 
 
@@ -209,7 +209,7 @@ def tracking_error(robustness: Robustness | None, axis: Axis) -> float | None:
 
 
 def settled_error(robustness: Robustness | None, axis: Axis) -> float | None:
-    """Mean squared velocity error from 1 s on, over all episodes that last so long."""
+    """Mean squared velocity error from 1 s on, over all episodes that last that long."""
     return None if robustness is None else robustness.settled_mse[axis]
 
 
@@ -230,7 +230,7 @@ def mean_impulse(cell: CellResult, measurement: str) -> float | None:
 
 
 def imitation_mrad(cell: CellResult, measurement: str) -> float | None:
-    """How far the best policy deviates from the expert's targets, in the mean [mrad]."""
+    """Mean deviation of the best policy from the expert's targets [mrad]."""
     test = cell.best_test(measurement)
     return None if test is None or test.imitation is None else test.imitation.mean_mrad
 
@@ -242,7 +242,7 @@ def direction_impulses(cell: CellResult, measurement: str) -> tuple[float, ...] 
 
 
 def unpushed(cell: CellResult, measurement: str) -> Counted | None:
-    """The robots of the push test that survive without a push under the best policy, of all."""
+    """Robots of the push test that survive unpushed under the best policy, and their total."""
     test = cell.best_test(measurement)
     if test is None or test.pushes is None:
         return None
@@ -250,7 +250,7 @@ def unpushed(cell: CellResult, measurement: str) -> Counted | None:
 
 
 def best_value(cells: Sequence[CellResult], measurement: str, measure: Measure) -> Runs | None:
-    """What a measurement says of the best policy of each run.
+    """A measurement's result for the best policy of each run.
 
     Args:
         cells: The cells of a technique under a setting.

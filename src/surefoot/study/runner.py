@@ -1,8 +1,8 @@
-"""Runs a study: its jobs in an order that respects what they need, several at a time.
+"""Runs the jobs of a study, several at a time, each after those that it needs.
 
-A study in progress is its folder; this only starts what is ready, and waits. Killed, it is started
-again with the same command and goes on. A failed job stops only those that need it. Read `cells`
-for the jobs, `state` for how far they are, `supervise` for how one is run.
+The folder has the whole state of a study; this module only starts the jobs that are ready, and
+waits. After a kill, the same command continues the study. A failed job blocks only the jobs that
+need it. Read `cells` for the jobs, `state` for their progress, `supervise` for how one is run.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ from surefoot.workers import Workers
 logger = logging.getLogger(__name__)
 
 MOST_LOSSES = 3
-"""A job that was lost so often in a row fails."""
+"""A job that is lost this many times in a row fails."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +57,15 @@ class StudyOutcome:
 
 
 def open_study(folder: Path, study: StudyConfig) -> StudySetup:
-    """Begin a study in a folder, or go on with the one that is there.
+    """Begin a study in a folder, or continue the one that is there.
 
     Args:
         folder: Folder of the study, new or with the same study.
         study: The study.
 
     Raises:
-        StudyError: The folder holds another study, another process begins one there, the code has
-            changes that are in no commit, or a cell could not be run or measured here.
+        StudyError: The folder holds another study, another process is starting one there, the code
+            has uncommitted changes, or a cell could not be run or measured here.
         WriteError: The folder cannot be written to.
     """
     if (folder / STUDY_FILE).exists():
@@ -80,7 +80,7 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
         return setup
     check_cells(study)
     claim_study(folder)
-    if (folder / STUDY_FILE).exists():  # another process has begun it meanwhile, and ended
+    if (folder / STUDY_FILE).exists():  # another process has begun it in the meantime, and ended
         return open_study(folder, study)
     root = checkout_root()
     commit = None if root is None else clean_commit(root)
@@ -95,7 +95,7 @@ def check_cells(study: StudyConfig) -> None:
     """Check that every technique can be trained and measured under every setting, before any work.
 
     Raises:
-        StudyError: One cannot; the message names it, the option, and what the option may be.
+        StudyError: One cannot; the message names it, the option, and the values it may have.
     """
     for part in (*study.techniques, *study.settings):
         if "seed" in part.options:
@@ -118,7 +118,7 @@ def check_cells(study: StudyConfig) -> None:
 
 
 def check_measured(config: Config, measurement: Measurement) -> None:
-    """Check that there are initial states enough for a measurement.
+    """Check that there are enough initial states for a measurement.
 
     Args:
         config: The configuration under which a policy is measured.
@@ -134,7 +134,7 @@ def check_measured(config: Config, measurement: Measurement) -> None:
 
 
 def measured_precision(study: StudyConfig) -> NumberFormat:
-    """The faster precision for the networks of a study, by those of the first cell that asks."""
+    """The faster precision for a study's networks, measured on the first cell with `auto`."""
     for config in trained_configs(study).values():
         if config.training.precision == "auto":
             return choose_for_run(config).chosen
@@ -147,11 +147,11 @@ def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> Study
     Args:
         folder: Folder of the study.
         workers: How many jobs run at a time, and where.
-        only: Names of the only jobs to run, with those that they need, or shell patterns of names;
-            none runs all.
+        only: Names, or shell patterns of names, of the jobs to run, together with the jobs that
+            they need; empty runs all.
 
     Raises:
-        StudyError: There is no study, another process runs it, or its code is not there.
+        StudyError: There is no study, another process runs it, or its code is not available.
         ValueError: No job has such a name.
     """
     folder = folder.resolve()
@@ -192,7 +192,7 @@ def code_of(folder: Path, setup: StudySetup) -> Path | None:
     """The folder from which a study's jobs import the package; None for the installed package.
 
     Raises:
-        StudyError: The study was begun in a checkout, and this package lies in none.
+        StudyError: The study was begun in a checkout, and this package is not in one.
     """
     if setup.commit is None:
         return None
@@ -210,8 +210,8 @@ def needed_jobs(jobs: Sequence[StudyJob], patterns: Sequence[str]) -> tuple[Stud
 
     Args:
         jobs: All jobs of the study, each after those that it needs.
-        patterns: Names of jobs, or shell patterns of names such as ``*--seed-0``; none of them
-            means all jobs.
+        patterns: Names of jobs, or shell patterns of names such as ``*--seed-0``; empty means all
+            jobs.
 
     Raises:
         ValueError: No job has such a name.
@@ -225,7 +225,7 @@ def needed_jobs(jobs: Sequence[StudyJob], patterns: Sequence[str]) -> tuple[Stud
         if not matching:
             raise ValueError(unknown("job", pattern, names))
         needed.update(matching)
-    # A job stands after those that it needs.
+    # A job comes after those that it needs.
     for job in reversed(jobs):
         if job.name in needed:
             needed.update(job.needs)
@@ -233,7 +233,7 @@ def needed_jobs(jobs: Sequence[StudyJob], patterns: Sequence[str]) -> tuple[Stud
 
 
 class JobQueue:
-    """The jobs that are left of a study, in its order.
+    """The jobs of a study that are left to do, in its order.
 
     Args:
         jobs: The jobs, each after those that it needs.
@@ -242,7 +242,7 @@ class JobQueue:
     Attributes:
         done: Names of the jobs that are done.
         running: The jobs that are in progress, by name.
-        failed: How jobs ended that failed.
+        failed: How each failed job ended.
     """
 
     def __init__(self, jobs: tuple[StudyJob, ...], done: set[str]) -> None:
@@ -253,7 +253,7 @@ class JobQueue:
         self._waiting = [job for job in jobs if job.name not in done]
 
     def take(self) -> StudyJob | None:
-        """The next job that can be done now, which is in progress then; None if there is none."""
+        """Take the next job that can be done now, and count it as running; None without any."""
         for number, job in enumerate(self._waiting):
             if self.done.issuperset(job.needs):
                 self.running[job.name] = self._waiting.pop(number)
@@ -261,10 +261,10 @@ class JobQueue:
         return None
 
     def give_back(self, ended: Ended) -> Ended:
-        """Take note of how a job ended: one that is not finished is the next to be taken.
+        """Record how a job ended; one that neither finished nor failed is the next to be taken.
 
         Returns:
-            How it ended; one that was lost too often has failed.
+            How it ended; a job that was lost too often has failed.
         """
         job = self.running.pop(ended.job)
         if ended.status == "lost":

@@ -1,8 +1,8 @@
 """The folder of a study while it runs: who runs it, what is done, whether it is paused.
 
-All of it is files, so that another terminal, or another machine of a cluster, sees the same: a lock
-that only a living process holds, the records of the jobs, a file that says that the study is
-paused, and a log for each job. Read `runner` next.
+All of this is in files, so another terminal, or another machine of a cluster, sees the same: a lock
+that only a living process holds, the records of the jobs, a file that marks the study as paused,
+and a log for each job. Read `runner` next.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from surefoot.study.layout import JOBS_FOLDER, LOCK_FILE, PAUSED_FILE, WORKERS_F
 logger = logging.getLogger(__name__)
 
 JobState = Literal["done", "running", "ready", "waiting", "failed"]
-"""How far a job is: it waits until what it needs is done, then it is ready."""
+"""How far a job is: it waits until the jobs that it needs are done, then it is ready."""
 LOG_FILE = "log.txt"
-"""What the process of a job printed."""
+"""File with the output of a job's process."""
 FAILED_FILE = "failed.txt"
-"""There if the job failed the last time: the end of what it printed."""
+"""File that exists if the job's last attempt failed, with the end of its output."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class JobStatus:
     Attributes:
         job: The job.
         state: How far it is.
-        seconds: How long it has worked, in all its slices that have ended, in processor time [s].
+        seconds: Processor time of all its slices that have ended [s].
     """
 
     job: StudyJob
@@ -80,9 +80,9 @@ def say_workers(folder: Path, workers: int) -> None:
 
 
 def workers_of(folder: Path) -> int | None:
-    """How many jobs the process that runs a study runs at a time; None if no other one does.
+    """How many jobs another process that runs a study runs at a time; None without such a process.
 
-    An earlier version that runs it does not say so either.
+    It is also None if an earlier version runs the study, because that does not record the number.
     """
     path = folder / WORKERS_FILE
     if not is_locked(folder / LOCK_FILE) or not path.exists():
@@ -92,7 +92,7 @@ def workers_of(folder: Path) -> int | None:
 
 
 def claim_job(folder: Path, job: str) -> None:
-    """Say that this process does a job, until it ends.
+    """Claim a job for this process, until the process ends.
 
     Raises:
         StudyError: Another process does it.
@@ -103,12 +103,12 @@ def claim_job(folder: Path, job: str) -> None:
 
 
 def job_folder(folder: Path, job: str) -> Path:
-    """Folder of what a job prints."""
+    """Folder of a job's output."""
     return folder / JOBS_FOLDER / job
 
 
 def pause_study(folder: Path) -> None:
-    """Hold a study: its processes stop within a second, and keep what they have in memory.
+    """Pause a study: its processes are suspended within a second, and keep their memory.
 
     Raises:
         StudyError: There is no study.
@@ -119,7 +119,7 @@ def pause_study(folder: Path) -> None:
 
 
 def resume_study(folder: Path) -> None:
-    """Let a paused study go on.
+    """Let a paused study continue.
 
     Raises:
         StudyError: There is no study.
@@ -136,8 +136,8 @@ def is_paused(folder: Path) -> bool:
 def job_statuses(folder: Path) -> tuple[JobStatus, ...]:
     """How far each job of a study is, in the study's order.
 
-    A job whose files cannot be read, or are not what the study asks for, has failed; a warning says
-    what to do. The others are shown all the same.
+    A job whose files cannot be read, or are not what the study asks for, counts as failed, and a
+    warning says what to do. The other jobs are shown all the same.
 
     Raises:
         StudyError: There is no study.
@@ -153,7 +153,7 @@ def job_statuses(folder: Path) -> tuple[JobStatus, ...]:
         except StudyError as error:
             logger.warning("%s: %s", job.name, error)
             refused.add(job.name)
-    # What a refused job needs is not to be made again before its files are seen to.
+    # What a refused job needs must not be made again before someone has looked at its files.
     done = _with_their_folders(folder, jobs, done | refused) - refused
     return tuple(
         JobStatus(job, "failed", 0.0)
@@ -181,10 +181,10 @@ def _state_of(folder: Path, job: StudyJob, done: set[str]) -> JobState:
 
 
 def finished_jobs(folder: Path, study: StudyConfig, jobs: Sequence[StudyJob]) -> set[str]:
-    """Names of the jobs that are done and whose files are there, as far as they are needed.
+    """Names of the jobs that are done and whose files, if still needed, are there.
 
-    On a new machine only the committed results are there: a run that is lost is made again if it
-    has not been measured yet.
+    On a new machine only the committed results are there: a missing run is made again if it has not
+    been measured yet.
 
     Args:
         folder: Folder of the study.
@@ -199,7 +199,7 @@ def finished_jobs(folder: Path, study: StudyConfig, jobs: Sequence[StudyJob]) ->
 
 
 def _is_done(folder: Path, study: StudyConfig, job: StudyJob) -> bool:
-    """Whether a job says that it is done, and all that it was to measure is there.
+    """Whether a job is recorded as done, and everything that it was to measure is there.
 
     Raises:
         StudyError: A file cannot be read, or was measured with other options than the study has.
@@ -209,14 +209,14 @@ def _is_done(folder: Path, study: StudyConfig, job: StudyJob) -> bool:
         return False
     if job.kind != "measure":
         return True
-    # A file that was moved away is measured again, and so is what the study asks for since.
+    # A file that was moved away is measured again, and so is what the study has asked for since.
     names = measurements_of(study, job.cell)
     measured = [read_tests(folder, study, job.cell, name) for name in names]
     return all(tests is not None and tests.finished for tests in measured)
 
 
 def _with_their_folders(folder: Path, jobs: Sequence[StudyJob], done: set[str]) -> set[str]:
-    """Those of the jobs that are done whose folders are there, or are no longer needed."""
+    """The done jobs whose folders are there, or are no longer needed."""
     done = set(done)
     for job in reversed(jobs):
         needed = any(job.name in other.needs and other.name not in done for other in jobs)
@@ -226,7 +226,7 @@ def _with_their_folders(folder: Path, jobs: Sequence[StudyJob], done: set[str]) 
 
 
 def _made(folder: Path, job: StudyJob) -> Path:
-    """The folder that a job makes for those that need it."""
+    """The folder that a job makes for the jobs that need it."""
     if job.kind == "share":
         return shared_folder(folder, job.name)
     if job.kind == "train":

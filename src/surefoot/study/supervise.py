@@ -1,8 +1,9 @@
-"""One job of a study in a process of its own: started, held while the study is paused, ended.
+"""One job of a study in its own process: started, suspended while the study is paused, ended.
 
-The process runs the study's own code and writes into the job's log. It leads a process group, so
-that it can be held and ended with all that it started, and ends when its supervisor does. `runner`
-calls this on this machine or, through Ray, on another one that sees the same folder.
+The process runs the study's own code and writes to the job's log. It leads a process group, so it
+can be suspended and ended together with everything that it started. It ends when its supervisor
+does. `runner` uses this on its own machine or, through Ray, on another one that sees the same
+folder.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from surefoot.study.work import PARENT, UNFINISHED
 from surefoot.workers import ONE_THREAD
 
 POLL = 0.5
-"""How often a supervisor looks whether the study is paused or stopped [s]."""
+"""Interval at which a supervisor checks whether the study is paused or stopped [s]."""
 PATIENCE = 10.0
 """How long a process may take to end by itself [s]."""
 TAIL = 30
@@ -53,7 +54,7 @@ class Ended:
         job: Name of the job.
         status: ``finished``, ``unfinished`` if it is to be started again, ``failed``, ``stopped``
             by the supervisor, or ``lost`` with its supervisor.
-        message: The end of its log, if it failed; how it was lost.
+        message: The end of its log if it failed, or how it was lost.
     """
 
     job: str
@@ -62,11 +63,11 @@ class Ended:
 
 
 def supervise(task: Task, stop: threading.Event | None = None) -> Ended:
-    """Do a job, or a slice of it, in a process of its own, and wait until that ends.
+    """Do a job, or a slice of it, in a separate process, and wait for that to end.
 
     Args:
         task: The job.
-        stop: Ends the process once it is set; what it has finished is on the disk.
+        stop: Ends the process once it is set; what it has finished is on disk.
     """
     folder = job_folder(task.folder, task.job)
     folder.mkdir(parents=True, exist_ok=True)
@@ -107,7 +108,7 @@ def _environment(task: Task) -> dict[str, str]:
 def _wait(
     process: subprocess.Popen[bytes], folder: Path, stop: threading.Event | None
 ) -> int | None:
-    """Wait until a process ends, and hold it while its study is paused.
+    """Wait until a process ends, and suspend it while its study is paused.
 
     Returns:
         Its exit status, or None if it was stopped.
@@ -127,7 +128,7 @@ def _wait(
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a process and all that it started; it has a few seconds to do so by itself."""
+    """End a process and all that it started, after some seconds to end by itself."""
     _signal(process, signal.SIGCONT)
     _signal(process, signal.SIGTERM)
     try:

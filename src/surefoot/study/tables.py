@@ -1,6 +1,6 @@
 """A comparison in Markdown: what the policies can do, how they differ, and what they cost.
 
-What has not been measured yet is a dash. `docs/methods.md` is made of these tables; `page_with`
+A dash stands for what has not been measured yet. `docs/methods.md` has these tables; `page_with`
 puts them into such a page without touching the prose around them.
 """
 
@@ -27,9 +27,9 @@ from surefoot.study.records import (
 BEGIN = "<!-- table -->"
 """The line before the generated part of a Markdown file."""
 NAMED = "<!-- table of "
-"""How that line begins in a file with the tables of several studies; a study's name follows."""
+"""Start of that line in a file with the tables of several studies; the study's name follows."""
 END = "<!-- end of table -->"
-"""The line after it."""
+"""The line after the generated part."""
 RESULTS = (
     "simulator",
     "method",
@@ -45,7 +45,7 @@ RESULTS = (
     "least, most",
 )
 LATCHING = ("would have latched, of them successes", "initial states outside the profile")
-"""Further columns of robots with a hardware profile."""
+"""Additional columns for robots with a hardware profile."""
 DIFFERENCES = (
     "simulator",
     "method",
@@ -79,14 +79,14 @@ def page_with(text: str, path: Path, study: str = "") -> str:
     Args:
         text: The generated text.
         path: The file; if there is none, the page has no prose.
-        study: Name of the study that the text is of. A page with the tables of several studies
+        study: Name of the study that the text belongs to. A page with the tables of several studies
             has a line `<!-- table of NAME -->` for each.
 
     Raises:
         ValueError: The file has no such part.
     """
     content = path.read_text(encoding="utf-8") if path.is_file() else f"{BEGIN}{END}\n"
-    # A place without a name is that of a page with the tables of one study.
+    # A page with the tables of one study has a place without a name.
     place = f"{NAMED}{study} -->" if study and NAMED in content else BEGIN
     before, begin, rest = content.partition(place)
     _, end, after = rest.partition(END)
@@ -193,7 +193,7 @@ def _about_costs(comparison: Comparison) -> str:
 
 
 def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table of the cells of its head and of its lines; a bar in a cell is escaped."""
+    """A Markdown table from the cells of its head and its lines; bars in cells are escaped."""
     rule = ["---"] * len(head)
     return "\n".join(
         "| " + " | ".join(_escaped(cell) for cell in cells) + " |" for cells in (head, rule, *lines)
@@ -201,7 +201,7 @@ def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 
 
 def _escaped(cell: str) -> str:
-    """The text of a cell in which nothing ends the cell or the line."""
+    """The text of a cell, changed so that nothing in it ends the cell or the line."""
     return " ".join(cell.replace("|", "\\|").split())
 
 
@@ -244,7 +244,7 @@ def push_cells(pushes: PushResult | None) -> list[str]:
 
 
 def latching_cells(evaluation: Robustness | None) -> list[str]:
-    """The two cells of robots with a hardware profile."""
+    """The two cells for robots with a hardware profile."""
     if evaluation is None or evaluation.latching is None:
         return ["-"] * 2
     latching = evaluation.latching
@@ -282,7 +282,7 @@ def _iteration(row: Row) -> str:
 
 
 def cost_cells(cost: RunCost) -> list[str]:
-    """The thirteen cells of what a run cost."""
+    """The thirteen cells of a run's cost."""
     frames = max(cost.frames_kept, 1)
     seconds = cost.seconds
     walls = (seconds.collect, seconds.train, seconds.validate, seconds.gates)

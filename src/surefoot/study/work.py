@@ -1,8 +1,9 @@
 """What a job of a study does, in the process that does it: ``python -m surefoot.study.work``.
 
-A job works in one thread and one process. It stops by itself after a while, at the end of a stage
-or of a policy's measurement, and says that it is not finished; started again, it goes on there.
-Killed, it loses what `surefoot train` loses. Read `runner` for who starts it.
+A job uses one process and one thread. It stops by itself after a while, at the end of a stage or of
+a policy's measurement, and reports that it is not finished; when it is started again, it continues
+there. A job that is killed loses what `surefoot train` would lose. Read `runner` for what starts
+jobs.
 """
 
 from __future__ import annotations
@@ -61,15 +62,15 @@ logger = logging.getLogger(__name__)
 
 SLICE = 2400.0
 """How long a job works before it stops at the next opportunity, in processor time [s]. The longest
-stage, a training on all frames of the paper's data, takes an hour, so that no slice takes more than
-100 minutes of it."""
+stage, a training on all frames of the paper's data, takes an hour, so no slice takes more than 100
+minutes."""
 UNFINISHED = 75
-"""Exit status of a job that is to be started again."""
+"""Exit status of a job that must be started again."""
 PARENT = "SUREFOOT_PARENT"
-"""Variable of the environment that holds the process id of the supervisor."""
+"""Environment variable with the supervisor's process id."""
 _PR_SET_PDEATHSIG = 1
 ONE_WORKER = Workers(1)
-"""Jobs run beside each other, so that each of them needs one process only."""
+"""Jobs run side by side, so each of them needs only one process."""
 
 
 class SliceOver(Exception):  # noqa: N818  # not an error: the job goes on later
@@ -78,14 +79,14 @@ class SliceOver(Exception):  # noqa: N818  # not an error: the job goes on later
 
 @dataclass
 class Slice:
-    """The time that a job works until it stops.
+    """The time for which a job works before it stops.
 
-    Processor time counts: a study that is paused, or waits for a core, does not work.
+    Only processor time counts: a job that is paused, or waits for a core, does not work.
 
     Attributes:
-        seconds: How long [s].
-        began: The processor time of this process when it began [s].
-        started: When that was.
+        seconds: Length of the slice [s].
+        began: Processor time of this process when the slice began [s].
+        started: When the slice began, in UTC.
     """
 
     seconds: float
@@ -98,7 +99,7 @@ class Slice:
         return time.process_time() - self.began
 
     def stop_if_over(self, _record: StageRecord | None = None) -> None:
-        """End the job if its time is over; what it did is on the disk.
+        """End the job if its time is over; what it has done is on disk.
 
         Raises:
             SliceOver: The time is over.
@@ -146,7 +147,7 @@ def make_shared(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) ->
         folder: Folder of the study.
         setup: The study.
         job: The job.
-        piece: The time that it has.
+        piece: The slice of time that it has.
     """
     run = create(shared_folder(folder, job.name), run_config(setup, job.cell), resume=True)
     run.listeners.append(piece.stop_if_over)
@@ -164,7 +165,7 @@ def train_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> 
         folder: Folder of the study.
         setup: The study.
         job: The job.
-        piece: The time that it has.
+        piece: The slice of time that it has.
     """
     cell = job.cell
     run = create(run_folder(folder, cell), run_config(setup, cell), resume=True)
@@ -188,7 +189,7 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
         folder: Folder of the study.
         setup: The study.
         job: The job.
-        piece: The time that it has.
+        piece: The slice of time that it has.
     """
     cell = job.cell
     if setup.study.technique(cell.technique).method == EXPERT and job.needs:
@@ -204,7 +205,7 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
         if [each.sha256 for each in done] != [each.sha256 for each in wanted[: len(done)]]:
             logger.warning("%s: %s was measured of other policies; measured again", cell.name, name)
             done = ()
-        # What an earlier version began to measure stays without its options: nobody knows them.
+        # What an earlier version began to measure has no options, as these are not known.
         asked = measured_options(setup.study, cell, name)
         options = before.options if before is not None and done else asked
         for policy in wanted[len(done) :]:
@@ -215,13 +216,13 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
 
 
 def copy_tests(folder: Path, study: StudyConfig, measured: Cell, cell: Cell) -> None:
-    """Keep what was measured of the same expert in another setting.
+    """Copy what was measured of the same expert in another setting.
 
     Args:
         folder: Folder of the study.
         study: The study.
         measured: The cell that has been measured.
-        cell: The cell that is to have the same.
+        cell: The cell that gets the same results.
     """
     for name in measurements_of(study, cell):
         tests = read_tests(folder, study, measured, name)
@@ -254,7 +255,7 @@ class MeasuredPolicy:
 def _policies_of(
     folder: Path, study: StudyConfig, cell: Cell, measurement: Measurement
 ) -> list[MeasuredPolicy]:
-    """The policies of a cell that a measurement is about, in the order of their iterations.
+    """The policies of a cell that a measurement covers, in the order of their iterations.
 
     Raises:
         RunError: The cell's run is lost, or not finished.
@@ -285,12 +286,12 @@ def _measure(config: Config, policy: MeasuredPolicy, measurement: Measurement) -
 
 
 def job_record(folder: Path, job: StudyJob, piece: Slice, finished: bool) -> JobRecord:
-    """The record of a job after a slice of it, with what earlier slices spent.
+    """The record of a job after one of its slices, with the time of earlier slices added.
 
     Args:
         folder: Folder of the study.
         job: The job.
-        piece: The time that the slice took.
+        piece: The slice.
         finished: Whether the job is done.
     """
     setup = read_study(folder)
@@ -318,23 +319,23 @@ def job_record(folder: Path, job: StudyJob, piece: Slice, finished: bool) -> Job
 
 
 def end_with_the_supervisor(parent: int) -> None:
-    """Make this job end when its supervisor does, a process id, even while it is held.
+    """Make this job end when its supervisor does, even while the job is suspended.
 
     Args:
         parent: Process id of the supervisor.
     """
     if sys.platform == "linux":
-        # A job of a paused study runs no thread that could look for its supervisor: the kernel
-        # ends it, with the thread that has started it and waits for it.
+        # While a study is paused, no thread of a job can check on its supervisor. So the kernel
+        # ends the job when the thread ends that started it and waits for it.
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     end_with_the_parent(parent)
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Do a job that the command line names, by the folder of its study and its own name.
+    """Do the job that the command line names, by its study's folder and its own name.
 
     Returns:
-        0 if it is finished, 75 if it is to be started again.
+        0 if it is finished, 75 if it must be started again.
     """
     folder, name = arguments
     signal.signal(signal.SIGTERM, signal.default_int_handler)
