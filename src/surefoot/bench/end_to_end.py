@@ -1,8 +1,9 @@
-"""Speed of the whole: an evaluation and a training run, compared with lower bounds.
+"""End-to-end speed: an evaluation and a training run, compared with lower bounds.
 
-The lower bound of a stage is the time of its plans, robot-milliseconds and training steps at the
-bare rates that `plan`, `engine` and `train` measure, in the same run, spread evenly over the
-processes; training has one process. The figures are of one machine and moment: trust the ratios.
+The lower bound of a stage is the time for its plans, robot-milliseconds and training steps at the
+bare rates that `plan`, `engine` and `train` measure in the same run. Plans and rollouts are spread
+evenly over the processes; training has one process. The figures depend on the machine and the
+moment: trust the ratios.
 """
 
 from __future__ import annotations
@@ -38,7 +39,7 @@ class EvaluationSpeed:
         episodes: Number of episodes.
         workers: Number of processes.
         seconds: Wall time [s].
-        floor_seconds: Lower bound: bare steps and matrix products, spread over the processes [s].
+        floor_seconds: Lower bound: bare steps and bare network, spread over the processes [s].
         ratio: ``seconds`` over ``floor_seconds``; 1 at best.
     """
 
@@ -68,7 +69,7 @@ class BareRates:
 
     Attributes:
         plan_ms: Time of a plan [ms].
-        robot_ms_per_s: Robot-milliseconds in a second of a process.
+        robot_ms_per_s: Robot-milliseconds that a process simulates in a second.
         step_ms: Time of the matrix products of a training step [ms].
     """
 
@@ -89,9 +90,10 @@ class EndToEndSpeed:
         train: Time of training the policies.
         validate: Time of validating them.
         other_seconds: Time of everything else [s].
-        plan_ms: Median time of a cold plan, of which the lower bounds are made [ms].
-        floor_robot_ms_per_s: Bare robot-milliseconds in a second of a process, likewise.
-        floor_step_ms: Time of the products of a training step, likewise [ms].
+        plan_ms: Median time of a cold plan, for the lower bounds [ms].
+        floor_robot_ms_per_s: Bare robot-milliseconds that a process simulates in a second, for the
+            lower bounds.
+        floor_step_ms: Time of the matrix products of a training step, for the lower bounds [ms].
         select_successes: Number of `select` episodes in which the best policy succeeds.
     """
 
@@ -128,7 +130,7 @@ class StageWork:
 
 
 def bench_evaluation(config: Config, workers: Workers) -> EvaluationSpeed:
-    """Measure the paper's evaluation, 100 episodes of 5 s, of a policy that stands.
+    """Measure the paper's evaluation, 100 episodes of 5 s, with a policy that stands.
 
     Args:
         config: Configuration of robot, simulator, policy and evaluation.
@@ -163,7 +165,7 @@ def bench_end_to_end(config: Config, workers: Workers, folder: Path | None = Non
     Args:
         config: Configuration of the run.
         workers: Processes that share the rollouts.
-        folder: Folder of the run, which stays; without it a temporary one.
+        folder: Folder of the run, which is kept; None uses a temporary one.
     """
     rates = BareRates(
         plan_ms=times_of(cold_plans(config, 100)).median,

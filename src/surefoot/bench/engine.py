@@ -1,7 +1,8 @@
 """Speed of the engine, compared with a lower bound that is measured in the same run.
 
-The lower bound on the time of a rollout is that of the simulator's bare steps plus the bare
-network. The figures are of one machine and moment: trust the ratios. Next: `train`, `end_to_end`.
+The lower bound on the time of a rollout is the time of the simulator's bare steps plus that of the
+bare network. The figures depend on the machine and the moment: trust the ratios. Next: `train`,
+`end_to_end`.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ class EngineSpeed:
         floor_robot_ms_per_s: The same for bare steps and the bare network, which is an upper bound.
         ratio: Wall time over its lower bound; 1 at best.
         two_processes: Throughput of two processes over that of one.
-        plan_share: Share of the wall time that goes into plans where the expert drives.
+        plan_share: Share of the wall time that goes into plans when the expert drives.
         floor_plan_share: The same share if there were only plans and bare steps.
     """
 
@@ -109,7 +110,7 @@ def bare_rate(config: Config, batch: int = 20, seconds: float = 2.0) -> float:
 def rollout_times(config: Config, batch: int, seconds: float) -> RolloutTimes:
     """Median wall times of a rollout and of its parts.
 
-    The policy holds the nominal pose, whatever its hidden layers compute, so that the robots stand.
+    The policy holds the nominal pose, whatever its hidden layers compute, so the robots stand.
     The lower bound is the simulator's bare step under the same torques plus the network alone,
     timed right after.
     """
@@ -170,7 +171,7 @@ def _standing_rate(chunk: tuple[Config, int, float]) -> float:
 
 
 def _plan_shares(config: Config, batch: int, steps: float) -> tuple[float, float]:
-    """Shares of the wall time that go into plans where the expert drives.
+    """Shares of the wall time that go into plans when the expert drives.
 
     Args:
         config: Configuration of robot, simulator and expert.
@@ -178,7 +179,7 @@ def _plan_shares(config: Config, batch: int, steps: float) -> tuple[float, float
         steps: Wall time of the bare steps of one simulated second [s].
 
     Returns:
-        The share of the rollout's wall time, and that of plans and bare steps alone.
+        The share of the rollout's wall time, and the share of plans and bare steps alone.
     """
     robot = load_robot(config.robot)
     planner = make_planner(robot, config)

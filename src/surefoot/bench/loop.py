@@ -1,13 +1,13 @@
-"""Speed of the loop on the robot: a tick, and from the end of a runtime to damping.
+"""Speed of the loop on the robot: the time of a tick, and the time from a runtime's end to damping.
 
-A tick lasts from the datagram that comes to the one that goes.
+A tick lasts from the incoming datagram to the outgoing one.
 
-The bridge is fed by hand in the same thread over real UDP on the loopback interface, so that
-nothing waits: a tick is reading, looking for faults, observing, the network, and writing. Both
-times are measured on the wall clock and on the processor's clock of this thread: on a busy machine
-the former holds what others take. As in a flight, Python does not stop to look for garbage.
+The bridge is stepped by hand in the same thread over real UDP on the loopback interface, so nothing
+waits: a tick consists of reading, checking for faults, observing, the network, and writing. Its
+wall time and the processor time of this thread are both measured, because on a busy machine the
+wall time includes the work of others. As in a flight, Python's garbage collection is off.
 
-For the time to damping a bridge serves a runtime in another process, which is killed with SIGKILL.
+For the time to damping, a bridge serves a runtime in another process, which is killed with SIGKILL.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from surefoot.robots.model import standing
 from surefoot.types import GRAVITY, JOINTS, TICK_NS, Array, Command
 
 WARMING = 200
-"""Ticks before those that are measured: the robot stands up in ten of them."""
+"""Ticks before those that are measured: the robot stands up in the first ten."""
 AT_ONCE = RuntimeConfig(stand=0.01, posture=1.0)
-"""How the robot stands up, from any posture."""
+"""How the robot stands up: at once, and from any posture."""
 KILLS = 5
 """Number of runtimes that are killed for each timeout."""
 OBEYED = 50
-"""Number of commands of each before that."""
+"""Number of commands from each runtime before it is killed."""
 PATIENCE = 60.0
-"""[s] A timeout that no machine is too busy for."""
+"""[s] A timeout that is long enough even on a busy machine."""
 
 
 @dataclass(frozen=True)
@@ -59,18 +59,18 @@ class LoopTimes:
     Attributes:
         ticks: The number of ticks.
         tick_median: Wall time of a tick, median.
-        tick_p99: Wall time of a tick, 99th percentile; at most 300 are wanted.
+        tick_p99: Wall time of a tick, 99th percentile; the goal is at most 300.
         tick_processor_median: Processor time of a tick, median.
         tick_processor_p99: Processor time of a tick, 99th percentile.
         policy_median: Processor time of observation and network, median.
         network_median: Processor time of the network alone, median.
-        network_p99: Wall time of the network alone, 99th percentile; less than 100 are wanted.
-        damped_20_ms_median: From the kill of the runtime to the bridge's damping command, if the
-            bridge waits 20 ms for commands, median; None if on this busy machine the bridge had
-            given up each runtime before it was killed.
-        damped_20_ms_longest: The same, the longest.
-        damped_5_ms_median: The same as the first, if the bridge waits 5 ms, as Solo12's motors do.
-        damped_5_ms_longest: The same, the longest.
+        network_p99: Wall time of the network alone, 99th percentile; the goal is less than 100.
+        damped_20_ms_median: Median time from the kill of a runtime to the bridge's damping command,
+            if the bridge waits 20 ms for commands; None if, on a busy machine, the bridge had given
+            up every runtime before it was killed.
+        damped_20_ms_longest: The longest such time.
+        damped_5_ms_median: The median if the bridge waits 5 ms, as Solo12's motors do.
+        damped_5_ms_longest: The longest such time.
     """
 
     ticks: int
@@ -88,13 +88,13 @@ class LoopTimes:
 
 
 class _Still:
-    """A driver of a robot that stands, whatever it is told.
+    """A driver of a robot that stands still, whatever it is commanded.
 
     Args:
-        q: ``(19,)`` how it stands.
+        q: ``(19,)`` the configuration in which it stands.
 
     Attributes:
-        damped_ns: When the first damping command after the last other one came [ns].
+        damped_ns: Time of the first damping command after the last other command [ns].
     """
 
     def __init__(self, q: Array) -> None:
@@ -111,11 +111,11 @@ class _Still:
         )
 
     def read(self) -> Measurement:
-        """The same as ever."""
+        """The same measurement every time."""
         return self.measurement
 
     def write(self, command: Sequence[float]) -> None:
-        """Nothing moves."""
+        """Note the time of damping commands; nothing moves."""
         if any(command[24:36]):
             self.damped_ns = None
         elif self.damped_ns is None:
@@ -151,7 +151,7 @@ def bench_loop(config: Config, ticks: int = 5000) -> LoopTimes:
 
 
 def _damping_times(file: Path, q: Array, timeout: float) -> list[float]:
-    """The times to damping of several runtimes [us], without those that were given up before."""
+    """The times to damping of several runtimes [us], without those given up before the kill."""
     times = [time_to_damping(file, q, timeout) for _ in range(KILLS)]
     return [microseconds for microseconds in times if microseconds is not None]
 
@@ -164,7 +164,7 @@ def loop_times(
     Args:
         policy: The policy.
         forward: Its network alone.
-        q: ``(19,)`` how the robot stands.
+        q: ``(19,)`` the configuration in which the robot stands.
         ticks: The number of ticks.
     """
     times = {"now": 0}
@@ -220,15 +220,15 @@ def time_to_damping(file: Path, q: Array, timeout: float) -> float | None:
 
     Args:
         file: The exported policy.
-        q: ``(19,)`` how the robot stands.
+        q: ``(19,)`` the configuration in which the robot stands.
         timeout: How long the bridge waits for commands [s].
 
     Returns:
-        None if the bridge had given the runtime up before it was killed, on a busy machine.
+        The time; None if, on a busy machine, the bridge had given up the runtime before the kill.
     """
     driver = _Still(q)
     channel = UdpChannel()
-    # On a busy machine nothing but silence is to end the flight.
+    # Even on a busy machine, only silence may end the flight.
     description = _description(load(file))._replace(
         command_timeout=timeout, command_age=PATIENCE, state_timeout=PATIENCE
     )

@@ -1,7 +1,7 @@
 """Wall time of an MPC plan by stage, over the horizon and half of it, cold and warm, on one core.
 
 A cold plan starts from nothing, as all plans of a dataset do; a warm one starts from the robot's
-plan before. The times are of one machine and moment: trust the ratios. Next: `engine`.
+previous plan. The times depend on the machine and the moment: trust the ratios. Next: `engine`.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ class PlanTimes:
         warm_iterations: Mean number of ADMM iterations of warm plans.
         half_nodes: Centroidal and kinematic nodes of half the horizon.
         half_plan_ms: Times of cold plans over half the horizon.
-        half_iterations: Mean number of ADMM iterations of those.
+        half_iterations: Mean number of ADMM iterations of cold plans over half the horizon.
         half_warm_plan_ms: Times of warm plans over half the horizon.
-        half_warm_iterations: Mean number of ADMM iterations of those.
+        half_warm_iterations: Mean number of ADMM iterations of warm plans over half the horizon.
     """
 
     plans: int
@@ -140,8 +140,8 @@ def cold_plans(config: Config, plans: int = 300, stored: StartSet | None = None)
 
     Args:
         config: Configuration of robot, gait and expert.
-        plans: Number of plans, as far as there are initial states.
-        stored: The set of initial states; without it that of the configuration.
+        plans: Number of plans, at most one for each initial state.
+        stored: The set of initial states; None takes that of the configuration.
     """
     planner = make_planner(load_robot(config.robot), config)
     starts = (stored or starts_of(config))["test"][:plans]
@@ -159,7 +159,7 @@ def cold_plans(config: Config, plans: int = 300, stored: StartSet | None = None)
 
 
 def warm_plans(config: Config) -> list[TimedPlan]:
-    """Replan for walking robots, each plan starting from the same robot's plan before.
+    """Replan for walking robots, each plan starting from the same robot's previous plan.
 
     Args:
         config: Configuration of robot, gait, expert and simulator.

@@ -1,8 +1,8 @@
 """Time of a training step in both precisions, compared with plain PyTorch and with a lower bound.
 
 Plain PyTorch is the usual loop: `l1_loss`, `backward`, the fused Adam, in float32. The lower bound
-is the time of the step's matrix products alone. The figures are of one machine and moment: trust
-the ratios. Next: `end_to_end`.
+is the time of the step's matrix products alone. The figures depend on the machine and the moment:
+trust the ratios. Next: `end_to_end`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from surefoot.learning.train import fit
 from surefoot.types import JOINTS
 
 REPEATS = 5
-"""How often everything is measured, in turns."""
+"""Number of times that everything is measured, in turns."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,11 @@ class TrainSpeed:
         bfloat16_step_ms: Time of a step whose hidden layers multiply in bfloat16 [ms].
         eager_step_ms: Time of a step of a plain PyTorch loop in float32 [ms].
         chosen: The configured precision; with `auto`, the one that a run would choose now.
-        ratio_to_better: Time of the chosen one over that of the better one; 1 at best.
-        ratio_to_eager: Time of the better one over ``eager_step_ms``.
-        floor_step_ms: Lower bound: time of the products of the better one, forward and backward
-            [ms].
-        ratio: Time of the better one over ``floor_step_ms``; 1 at best.
+        ratio_to_better: Step time in the chosen precision over that in the faster one; 1 at best.
+        ratio_to_eager: Step time in the faster precision over ``eager_step_ms``.
+        floor_step_ms: Lower bound: time of the matrix products in the faster precision, forward and
+            backward [ms].
+        ratio: Step time in the faster precision over ``floor_step_ms``; 1 at best.
     """
 
     batch: int
@@ -85,7 +85,7 @@ def bench_train(config: Config, steps: int = 50) -> TrainSpeed:
     better = min(names, key=lambda name: ms[f"step {name}"])
     step_ms = ms[f"step {better}"]
     chosen = choose_precision(network, training).chosen
-    # Backward there are two products for each forward: for the inputs, and for the weights.
+    # The backward pass has two products for each forward one: for the inputs and the weights.
     floor_step_ms = 3 * ms[f"products {better}"]
     return TrainSpeed(
         batch=batch,

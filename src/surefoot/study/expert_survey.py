@@ -2,8 +2,8 @@
 
 Every variant starts from the same stored `test` initial states, perturbed with the paper's standard
 deviations and with 1.5 times those, and is pushed the same way. A survey in progress is a sequence
-of immutable `Survey` records; each is written down after its measurement, so that one that is
-interrupted resumes where it stopped. `records` says what it holds, `docs/expert.md` what came out.
+of immutable `Survey` records; each is written after its measurement, so an interrupted survey
+resumes where it stopped. Read `records` for the fields, `docs/expert.md` for the results.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from surefoot.study.tables import markdown, percent_range
 from surefoot.workers import Workers
 
 PUSHES = PushConfig(split="nominal", speeds=4, before=0.25, after=1.75, resolution=0.1, levels=50)
-"""The expert is pushed out of its settled gait, in which it needs no two seconds before."""
+"""The expert starts in its settled gait, so it does not need two seconds before the push."""
 PAPER, WIDE = PACKAGED
 """The sets of initial states with the paper's deviations, and with 1.5 times those."""
 
@@ -65,7 +65,7 @@ def survey_expert(
 
     Raises:
         ValueError: The file holds a survey of another configuration, of other versions or initial
-            states, or another process goes on with it.
+            states, or another process is adding to it.
     """
     config = with_own_values(config)
     simulators = get_args(Backend) if simulator is None else (simulator,)
@@ -205,7 +205,7 @@ def resume_survey(path: Path, survey: Survey) -> Survey:
         survey: What is to be measured, without results.
 
     Raises:
-        ValueError: The file is of another configuration, of other versions or initial states.
+        ValueError: The file has another configuration, other versions or other initial states.
     """
     before = read_survey(path)
     for name, same in (

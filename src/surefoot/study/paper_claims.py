@@ -1,9 +1,9 @@
 """The claims of the paper's sections V-A to V-C, each judged by the runs of a study.
 
-`paper_claims` gives every claim, also those that cannot be judged yet, and `text_of_claims` is
-their table in `docs/reproduction.md`. Where our own choices matter, a claim stands there twice,
+`paper_claims` returns every claim, including those that cannot be judged yet, and `text_of_claims`
+makes their table in `docs/reproduction.md`. Where our own choices matter, a claim is listed twice,
 once in the paper's way and once in ours. The margins that the paper's words leave open (about, just
-below, equal) are constants of `paper_collection` and `paper_policies`, which hold the claims.
+below, equal) are constants in `paper_collection` and `paper_policies`, which contain the claims.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ def paper_claims(results: StudyResults) -> tuple[Claim, ...]:
     """Every claim of the paper's sections V-A to V-C, with its verdict.
 
     Args:
-        results: Results of a study with the techniques of `paper`, finished or not; of several
-            settings the first one is judged.
+        results: Results of a study with the techniques of `paper`, finished or not; if it has
+            several settings, the first one is judged.
 
     Raises:
         ValueError: The study lacks one of the techniques.

@@ -1,7 +1,7 @@
 """The paper's claims about collecting data (V-A): failures, the share of the MPC, and its cost.
 
-Where the paper's way to count is not ours, a claim stands here twice. Read `paper_runs` for the
-runs, `claims` for the rule of the verdicts.
+Where the paper counts in another way than we do, a claim is listed twice. Read `paper_runs` for the
+runs, `claims` for the rule behind the verdicts.
 """
 
 from __future__ import annotations
@@ -51,14 +51,14 @@ from surefoot.study.run_values import (
 FEW_FAILURES = Region(high=0.05)
 """The paper's limit of a low failure rate (V-A)."""
 MANY_FAILURES = Region(low=0.05)
-"""Failure rates beyond it."""
+"""Failure rates above it."""
 ABOUT_TEN_PERCENT = Region(0.05, 0.15)
 """Shares that are about 10 %."""
 CONSTANT = Region(-0.05, 0.05)
-"""Changes of a share that are none."""
+"""Changes of a share that count as none."""
 NO_RISE = Region(high=0.02)
-"""Rises of the expert's share from one iteration to the next that are only the chance of its coins:
-with 1000 coins an iteration it has a standard deviation of up to 1.6 points."""
+"""Rises of the expert's share from one iteration to the next that may be due to chance: with 1000
+tosses of a coin in each iteration, the share has a standard deviation of up to 1.6 points."""
 FALLS = NumberStyle("falls per robot-minute", 1.0, 3)
 SOLVES = NumberStyle("MPC solves", 1.0, 0)
 SOLVES_PER_SECOND = NumberStyle("MPC solves per second of rollouts", 1.0, 2)
@@ -123,7 +123,7 @@ def failure_claims(paper: PaperRuns) -> tuple[Claim, ...]:
 
 
 def _rates(paper: PaperRuns, technique: str, skipped: int) -> str:
-    """Failure rate of each iteration but some first ones, mean over runs, as text."""
+    """Failure rate of each iteration after some skipped ones, mean over runs, as text."""
     longest = max((len(iterations_collected(cell)) for cell in paper.cells(technique)), default=0)
     rates = []
     for number in range(skipped, longest):
@@ -221,7 +221,7 @@ def cost_claims(paper: PaperRuns) -> tuple[Claim, ...]:
 
 
 def _times_as_many(paper: PaperRuns) -> str:
-    """How many times LocoDAGGER's rollouts LocoSafeDAGGER has; empty if that is unknown."""
+    """A sentence with the ratio of LocoSafeDAGGER's rollouts to LocoDAGGER's; empty if unknown."""
     safe = paper.values(SAFE, rollouts).runs
     loco = paper.values(LOCO_HALF, rollouts).runs
     if safe is None or loco is None:

@@ -1,7 +1,7 @@
 """The paper's claims about the policies (V-B and V-C): robustness, tracking errors, and pushes.
 
 Success and errors are those of the last policy of each run, impulses those of its best one. Read
-`paper_runs` for the runs, `claims` for the rule of the verdicts.
+`paper_runs` for the runs, `claims` for the rule behind the verdicts.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ JUST_BELOW_90_PERCENT = Region(0.85, 0.9)
 NO_WORSE = Region(low=-0.05)
 """Differences of success that are no significant disadvantage."""
 MOST_DIRECTIONS = Region(low=0.5)
-"""Shares of directions that are most of them."""
+"""Shares of directions that count as most of them."""
 VX: Axis = 0
 VY: Axis = 1
 YAW: Axis = 2
@@ -171,7 +171,7 @@ def tracking_claims(paper: PaperRuns) -> tuple[Claim, ...]:
 
 
 def _settled_text(samples: Sequence[Sample], style: NumberStyle) -> str:
-    """Errors from 1 s on, in all episodes that last so long: none is left out for failing."""
+    """Errors from 1 s on in all episodes that last that long, even if they fail later."""
     parts = [
         f"{sample.title} {style.scale * mean_of_runs(sample.runs).mean:.{style.digits}f}"
         for sample in samples
@@ -186,11 +186,11 @@ def _no_best_claim(statement: Statement, samples: Sequence[Sample], beside: str)
     Args:
         statement: The claim, whose region is replaced.
         samples: The error of each technique.
-        beside: A sentence with other numbers that belong beside it.
+        beside: A sentence with related numbers, which ends the reason.
     """
     measured = [(mean_of_runs(sample.runs).mean, sample) for sample in samples if sample.runs]
     if len(measured) < len(samples):
-        return judge_extreme(statement, samples[0], samples[1:])  # It says which ones are missing.
+        return judge_extreme(statement, samples[0], samples[1:])  # this names what is missing
     measured.sort(key=lambda pair: pair[0])
     best = measured[0][1]
     second = measured[1][1]
@@ -232,7 +232,7 @@ def push_claims(paper: PaperRuns) -> tuple[Claim, ...]:
 
 
 def _larger(paper: PaperRuns, cell: CellResult, technique: str) -> Counted | None:
-    """The directions from which a run withstands more than another one of its seed, of all."""
+    """Number of directions from which a run withstands more than its seed's rival, and of all."""
     run = direction_impulses(cell, paper.push)
     for rival in paper.cells(technique):
         if rival.cell.seed == cell.cell.seed:

@@ -1,6 +1,6 @@
 """The runs of a study as the paper's claims need them: what is compared, technique by technique.
 
-The techniques are those of the study `paper`, by name; an iteration's number is that of the paper.
+The techniques are those of the study `paper`, by name; iterations are numbered as in the paper.
 Read `run_values` for each value, `paper_collection` and `paper_policies` for what is claimed.
 """
 
@@ -35,7 +35,7 @@ LOCO_HALF = "loco_dagger-0.5"
 LOCO_MOST = "loco_dagger-0.8"
 SAFE = "loco_safe_dagger"
 EQUAL = 0.1
-"""Differences that are none, as a share of the value."""
+"""Largest difference that counts as none, as a share of the value."""
 Part = Callable[[CellResult], Sequence[Collected]]
 """Some of a cell's iterations."""
 
@@ -108,7 +108,7 @@ class PaperRuns:
         )
 
     def settled(self, technique: str, axis: Axis) -> Sample:
-        """Tracking error of the same policies from 1 s on, in all episodes that last so long."""
+        """Tracking error of the same policies from 1 s on, in all episodes that last that long."""
         return self.values(
             technique, lambda cell: settled_error(robustness_of(cell, self.test, -1), axis)
         )
@@ -140,7 +140,7 @@ def early_half(cell: CellResult) -> Sequence[Collected]:
 
 
 def late_half(cell: CellResult) -> Sequence[Collected]:
-    """The second half of the iterations; none if there is but one iteration."""
+    """The second half of the iterations; none if there is only one iteration."""
     found = iterations_collected(cell)
     return found[len(found) // 2 :] if len(found) > 1 else []
 

@@ -1,6 +1,6 @@
 """The plot of a comparison: success, mean push, and push by direction; a column per simulator.
 
-It shows what `records.Comparison` holds, with the style and the palette of `viz.plots`.
+It shows a `records.Comparison`, with the style and the palette of `viz.plots`.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def comparison_figure(comparison: Comparison, path: Path) -> Path:
     heights = [height, height, 4.2] if pushed else [height]
     with rc_context({**STYLE, "axes.grid.axis": "x"}):
         size = (3.0 + 4.4 * len(simulators), sum(heights) + 0.4)
-        # The layout does not see the names of directions beside a circle: room for them.
+        # The layout ignores the names of directions beside a circle: leave room for them.
         figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.3))
         grid = figure.add_gridspec(len(heights), len(simulators), height_ratios=heights)
         for column, simulator in enumerate(simulators):
@@ -120,9 +120,9 @@ def _strongest(pushed: Sequence[PushResult]) -> float:
 
 
 def _draw_estimate(axes: Axes, row: int, value: float, interval: Interval, color: str) -> None:
-    """A point with its interval; that of the first row, the expert's, also as a line."""
+    """A point with its interval; the first row, the expert's, also has a line."""
     low, high = interval
-    # Where all robots are alike rounding may leave the value just outside.
+    # If all robots are alike, rounding may leave the value just outside.
     around = [[max(value - low, 0.0)], [max(high - value, 0.0)]]
     axes.errorbar([value], [row], xerr=around, fmt="o", color=color, capsize=4, clip_on=False)
     if row == 0:

@@ -1,8 +1,8 @@
-"""Where the jobs of a study run: beside each other on this machine, or on a Ray cluster.
+"""Where the jobs of a study run: side by side on this machine, or on a Ray cluster.
 
-Each job is a process of its own either way (`supervise`). On a cluster all machines have to see the
+Each job is a separate process in either case (`supervise`). On a cluster, all machines must see the
 folder of the study under the same path. The results do not depend on where a job runs, as long as
-the processors are of one model.
+all processors are of the same model.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from surefoot.study.supervise import Ended, Task, supervise
 from surefoot.workers import Workers, connected
 
 PATIENCE = 1.0
-"""How long a pool waits for a job to end before it answers that none has [s]."""
+"""How long a pool waits for a job to end before it reports that none has [s]."""
 
 
 class JobPool(Protocol):
@@ -36,11 +36,11 @@ class JobPool(Protocol):
         ...
 
     def ended(self) -> list[Ended]:
-        """Wait for a moment, and return how those jobs ended that did."""
+        """Wait for a moment for jobs to end, and return how those that did have ended."""
         ...
 
     def stop(self) -> None:
-        """End all jobs that are in progress; what they have finished is on the disk."""
+        """End all jobs that are in progress; what they have finished is on disk."""
         ...
 
 
@@ -55,7 +55,7 @@ def make_pool(workers: Workers) -> JobPool:
 
 
 class LocalPool:
-    """Runs jobs beside each other on this machine, each supervised by a thread.
+    """Runs jobs side by side on this machine, each supervised by a thread.
 
     Args:
         count: Number of jobs at a time.
@@ -78,12 +78,12 @@ class LocalPool:
         self._running.add(self._threads.submit(supervise, task, self._stop))
 
     def ended(self) -> list[Ended]:
-        """Wait for a moment, and return how those jobs ended that did."""
+        """Wait for a moment for jobs to end, and return how those that did have ended."""
         done, self._running = wait(self._running, PATIENCE, FIRST_COMPLETED)
         return [future.result() for future in done]
 
     def stop(self) -> None:
-        """End all jobs that are in progress; what they have finished is on the disk."""
+        """End all jobs that are in progress; what they have finished is on disk."""
         self._stop.set()
         self._threads.shutdown()
 
@@ -92,7 +92,7 @@ class RayPool:
     """Runs jobs on a Ray cluster, each supervised by a task that takes one core.
 
     Args:
-        workers: The cluster, and how many jobs run at a time at least.
+        workers: The cluster, and the least number of jobs to run at a time.
     """
 
     def __init__(self, workers: Workers) -> None:
@@ -111,17 +111,17 @@ class RayPool:
         self._running[self._supervise.remote(task)] = task.job
 
     def ended(self) -> list[Ended]:
-        """Wait for a moment, and return how those jobs ended that did."""
+        """Wait for a moment for jobs to end, and return how those that did have ended."""
         done, _ = self._ray.wait(list(self._running), timeout=PATIENCE)
         return [self._end_of(reference, self._running.pop(reference)) for reference in done]
 
     def stop(self) -> None:
-        """End all jobs that are in progress; what they have finished is on the disk."""
+        """End all jobs that are in progress; what they have finished is on disk."""
         for reference in self._running:
             self._ray.cancel(reference, force=True)
 
     def _end_of(self, reference: Any, job: str) -> Ended:
-        """How a job ended; it is lost if its machine was, or did not have the memory for it."""
+        """How a job ended; it is lost if its machine was lost or had too little memory for it."""
         try:
             return self._ray.get(reference)
         except self._ray.exceptions.RayTaskError as error:

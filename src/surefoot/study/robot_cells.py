@@ -1,7 +1,7 @@
 """The records of a survey of robots and gaits, and its table.
 
-A `GaitCell` is one robot in one gait in one simulator, a JSON file of its own. Next:
-`robot_survey`, which measures them.
+A `GaitCell` is one robot in one gait in one simulator, in its own JSON file. Next: `robot_survey`,
+which measures them.
 """
 
 from __future__ import annotations
@@ -51,11 +51,11 @@ class Use:
 
 @dataclass(frozen=True)
 class Tracking:
-    """How far the mean velocity of a robot was from its command, from 1 s on, over whole periods.
+    """How far a robot's mean velocity was from its command, from 1 s on, over whole gait periods.
 
     Attributes:
-        mean: The mean error of vx, vy [m/s] and yaw rate [rad/s], without its sign.
-        largest: The largest one.
+        mean: The mean absolute error of vx, vy [m/s] and yaw rate [rad/s].
+        largest: The largest absolute error of each.
     """
 
     mean: Triple
@@ -102,7 +102,7 @@ class GaitCell:
         asked: The commands that were asked for.
         versions: Package -> its version, and the processor.
         walked: What was measured; None if the robot does not walk in this gait.
-        reason: Why it does not, or not at all of the commands; empty if it does.
+        reason: Why it does not, or not at all commands asked for; empty if it does.
     """
 
     robot: str
@@ -123,13 +123,13 @@ class GaitCell:
 
     @property
     def title(self) -> str:
-        """What the cell is called."""
+        """The cell's name in texts."""
         return f"{self.robot}, {self.gait}, {self.simulator}"
 
 
 @dataclass(frozen=True)
 class RobotSurvey:
-    """A survey: cells of as many episodes, equally long.
+    """A survey: cells with the same number of episodes of the same length.
 
     Attributes:
         cells: The cells, by robot, gait and simulator.
@@ -142,7 +142,7 @@ def read_cells(folder: Path) -> dict[str, GaitCell]:
     """The cells that a folder holds, by the names of their files.
 
     Raises:
-        ValueError: A JSON file in it is no cell.
+        ValueError: A JSON file in it is not a cell.
     """
     return {path.name: read_record(path, GaitCell) for path in sorted(folder.glob("*.json"))}
 
@@ -181,7 +181,7 @@ def survey_page(survey: RobotSurvey) -> str:
 
 
 def _about(survey: RobotSurvey) -> str:
-    """How many states there were, how long the episodes lasted, and where that was."""
+    """How many initial states there were, how long the episodes were, and on which processors."""
     if not survey.cells:
         return "Nothing has been measured yet."
     first = survey.cells[0]
@@ -193,7 +193,7 @@ def _about(survey: RobotSurvey) -> str:
 
 
 def _cells_of(walked: Walked) -> list[str]:
-    """The cells of what was measured."""
+    """The table's cells for what was measured."""
     box = walked.box
     robustness = walked.robustness
     times = walked.plan_ms

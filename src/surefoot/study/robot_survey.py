@@ -1,9 +1,9 @@
-"""Each robot in each gait: what the expert can do from perturbed initial states, and what it uses.
+"""Each robot in each gait: how well the expert does, and how much of the joints' limits it uses.
 
-A cell of the survey is one robot in one gait in one simulator. What it needs is prepared as for any
-run (`scenarios.prepare`), its episodes are those of an evaluation (`evaluation.robustness`). Each
-cell is written as soon as it is measured, and a survey that is interrupted goes on with the next.
-Next: `robot_cells`, the records and the table.
+A cell of the survey is one robot in one gait in one simulator. It is prepared like any run
+(`scenarios.prepare`), and its episodes, from perturbed initial states, are those of an evaluation
+(`evaluation.robustness`). Each cell is written as soon as it is measured, so an interrupted survey
+continues with the next one. Next: `robot_cells`, the records and the table.
 """
 
 from __future__ import annotations
@@ -52,13 +52,13 @@ from surefoot.types import Array, to_ticks
 from surefoot.workers import Workers, map_chunks
 
 FORWARD = (-0.3, 0.6)
-"""[m/s] vx that a robot of Solo12's size is to walk; `box_of` says what others are."""
+"""[m/s] Range of vx for a robot of Solo12's size; `box_of` scales it for others."""
 SIDEWAYS = (-0.2, 0.2)
-"""[m/s] vy that a robot of Solo12's size is to walk."""
+"""[m/s] Range of vy for a robot of Solo12's size."""
 TURNING = (-0.5, 0.5)
-"""[rad/s] The yaw rate that every robot is to walk."""
+"""[rad/s] Range of the yaw rate for every robot."""
 NEITHER = "; but it does not walk all of that either"
-"""What is added to a refusal if the box that it proposes is refused, too."""
+"""Added to a refusal if the box that it proposes is refused as well."""
 STILL = CommandBox((0.0, 0.0))
 """The commands of a robot that stands."""
 
@@ -99,15 +99,15 @@ class Task:
 
 @dataclass(frozen=True)
 class Measured:
-    """What is left of n episodes; first axis the episode.
+    """What is kept of n episodes; the first axis is the episode.
 
     Attributes:
         summary: How they ended.
-        error: ``(n, 3)`` error of the mean vx, vy [m/s] and yaw rate [rad/s] from 1 s on, over
-            whole gait periods, without its sign.
-        torque: ``(n, 3)`` largest share of the torque limits from 1 s on and in all, and the share
-            of the time from 1 s on at a limit.
-        speed: ``(n, 3)`` the same of the speed limits; zero for joints without one.
+        error: ``(n, 3)`` absolute error of the mean vx, vy [m/s] and yaw rate [rad/s] from 1 s on,
+            over whole gait periods.
+        torque: ``(n, 3)`` largest share of the torque limits from 1 s on, largest share overall,
+            and share of the time from 1 s on at a limit.
+        speed: ``(n, 3)`` the same for the speed limits; zero for joints without one.
     """
 
     summary: Summary
@@ -125,11 +125,11 @@ def survey_robots(plan: SurveyPlan, folder: Path, workers: Workers) -> RobotSurv
         workers: Processes that run the episodes.
 
     Returns:
-        All cells of the folder, those of earlier surveys too.
+        All cells of the folder, including those of earlier surveys.
 
     Raises:
-        ValueError: There is no such robot or gait, a gait has fewer initial states, or the folder
-            holds cells that were measured otherwise.
+        ValueError: There is no such robot or gait, a gait has too few initial states, or the folder
+            holds cells that were measured differently.
         WriteError: A cell cannot be written.
     """
     tasks = tasks_of(plan)
@@ -148,8 +148,8 @@ def tasks_of(plan: SurveyPlan) -> list[Task]:
     """The cells of a plan, in the order in which they are measured.
 
     Raises:
-        ValueError: There is no such robot or gait, a gait has fewer initial states, or a robot or a
-            gait is named twice or not at all.
+        ValueError: There is no such robot or gait, a gait has too few initial states, a robot or a
+            gait is named twice, or none is named.
     """
     for name in plan.gaits:
         if name not in GAITS:
@@ -190,10 +190,10 @@ def tasks_of(plan: SurveyPlan) -> list[Task]:
 
 
 def box_of(robot: RobotModel, config: Config) -> CommandBox:
-    """The commands that a robot is to walk in a gait, in hundredths; none in one that stands.
+    """The commands that a robot is to walk in a gait, rounded to 0.01; zero if the gait stands.
 
     Args:
-        robot: The robot; vx and vy go with the square root of its legs' length.
+        robot: The robot; vx and vy scale with the square root of its leg length.
         config: The gait.
     """
     if stands(config.gait):
@@ -205,7 +205,7 @@ def box_of(robot: RobotModel, config: Config) -> CommandBox:
 
 
 def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) -> None:
-    """Check that all that a folder holds can stand in one table with what is to be measured.
+    """Check that a folder's cells can be in one table with those that are to be measured.
 
     Args:
         tasks: What is to be measured.
@@ -213,7 +213,7 @@ def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) 
         folder: The folder, for the message.
 
     Raises:
-        ValueError: A cell of a robot of the package, or of one that is named, is of something else.
+        ValueError: A cell has other episodes, or one of a known robot depends on what has changed.
     """
     first = tasks[0].cell
     models = {name: name for name in ROBOTS}
@@ -267,16 +267,16 @@ def measure_gait(task: Task, workers: Workers) -> GaitCell:
 
 
 def prepare_largest(config: Config) -> tuple[Prepared | None, str]:
-    """Prepare the commands that are asked for, or the largest part of them that a gait walks.
+    """Prepare the commands that are asked for, or the largest part of them that the robot walks.
 
-    A gait that does not go sideways, or does not turn, is tried without.
+    If it does not walk sideways, or does not turn, it is tried without these commands.
 
     Args:
         config: The robot, the gait and the commands that are asked for.
 
     Returns:
-        What was prepared, None if the gait does not go anywhere; and why it is not all that was
-        asked for, empty if it is.
+        What was prepared, None if the robot does not walk in the gait; and the reason if this is
+        not all that was asked for, else an empty text.
     """
     reason = ""
     for box in boxes_to_try(config.commands):
@@ -329,10 +329,10 @@ def measure_episodes(job: Job) -> Measured:
 
 
 def tracking_error(rollouts: Rollout, period: int) -> Array:
-    """``(n, 3)`` error of the mean velocity from 1 s on, over whole periods, without its sign.
+    """``(n, 3)`` absolute error of the mean velocity from 1 s on, over whole gait periods.
 
     Args:
-        rollouts: The n episodes; of those that did not last, the numbers mean nothing.
+        rollouts: The n episodes; the errors of those that ended early mean nothing.
         period: The gait period [ms].
     """
     T = rollouts.duration
@@ -344,7 +344,7 @@ def tracking_error(rollouts: Rollout, period: int) -> Array:
 
 
 def used(share: Array, settled: slice) -> Array:
-    """``(n, 3)`` largest shares, in the settled part and in all, and its part at a limit.
+    """``(n, 3)`` largest share when settled, largest overall, share of settled time at a limit.
 
     Args:
         share: ``(n, T, 12)`` shares of the limits.
@@ -372,14 +372,14 @@ def join_measured(parts: Sequence[Measured]) -> Measured:
 
 
 def tracking_of(error: Array) -> Tracking | None:
-    """The tracking error of ``(n, 3)`` errors; None without any."""
+    """The mean and the largest of ``(n, 3)`` errors; None without any."""
     if not len(error):
         return None
     return Tracking(_triple(error.mean(axis=0)), _triple(error.max(axis=0)))
 
 
 def use_of(share: Array) -> Use | None:
-    """The shares of the limits of n episodes ``(n, 3)``, from `used`; None without any."""
+    """The use of the limits in n episodes, from the ``(n, 3)`` of `used`; None without any."""
     if not len(share):
         return None
     settled, peak, _ = share.max(axis=0).tolist()

@@ -1,8 +1,8 @@
 """What the expert and some policies can do on several grounds, as one table.
 
-All begin in the same initial states, and each state meets the same ground whoever drives. A cell is
-one controller on one ground; its figures are those of an evaluation (`evaluation.robustness`).
-Cells that were measured before are kept, asked for or not. `docs/terrain.md` has the table.
+All start from the same initial states, and each state meets the same ground whoever drives. A cell
+is one controller on one ground; its figures are those of an evaluation (`evaluation.robustness`).
+Earlier cells are kept, whether or not they are asked for. `docs/terrain.md` has the table.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ class Walker:
     """A controller to measure.
 
     Attributes:
-        label: What it is called in the table.
-        policy: The file of the policy; None is the expert.
+        label: Its name in the table.
+        policy: The file of the policy; None for the expert.
     """
 
     label: str
@@ -57,8 +57,9 @@ class TerrainCell:
         terrain: The ground, as `SimulationConfig.terrain`.
         label: The controller.
         robustness: Its figures; `covered` are the successes that covered 70 % of the distance.
-        slower: Mean and largest lag of the mean velocity behind the command, along it, over the
-            episodes that succeeded with a command to go anywhere [m/s]; None if there are none.
+        slower: Mean and largest lag of the mean velocity behind the command, in the command's
+            direction, over the successful episodes with a commanded velocity [m/s]; None without
+            any.
     """
 
     key: str
@@ -87,7 +88,7 @@ def measure_terrains(
     known: TerrainTable | None = None,
     keep: Callable[[TerrainTable], object] | None = None,
 ) -> TerrainTable:
-    """Measure every controller on every ground, but for the cells that are known.
+    """Measure every controller on every ground, except the cells that are known.
 
     Args:
         config: The robot, the expert, the simulator and the evaluation.
@@ -95,8 +96,8 @@ def measure_terrains(
         terrains: The grounds, as `SimulationConfig.terrain`.
         workers: Processes that run the episodes.
         known: What was measured before; cells that depend on something else are measured again.
-        keep: Called after each cell with all that is known then: the cells that were asked for, as
-            far as they are measured, and after them what was known besides.
+        keep: Called after each cell with all that is known by then: the cells measured so far of
+            those asked for, followed by the other known cells.
 
     Returns:
         The cells that were asked for.
@@ -110,7 +111,7 @@ def measure_terrains(
         if len(set(names)) < len(names):
             raise ValueError(f"{', '.join(names)}: name each of them once")
     grounds = [on(config, text) for text in terrains]
-    # All keys first: what is missing fails before any work.
+    # Compute all keys first, so that anything missing fails before any work.
     asked = [
         (key_of_cell(ground, walker), ground, walker) for ground in grounds for walker in walkers
     ]
@@ -128,7 +129,7 @@ def measure_terrains(
 
 
 def _with_others(table: TerrainTable, known: TerrainTable) -> TerrainTable:
-    """A table, and after its cells those of another one that it does not have."""
+    """A table, followed by the cells of another one that it does not have."""
     keys = {cell.key for cell in table.cells}
     others = (cell for cell in known.cells if cell.key not in keys)
     return TerrainTable((*table.cells, *others))
@@ -148,7 +149,7 @@ def on(config: Config, terrain: str) -> Config:
 
 
 def key_of_cell(config: Config, walker: Walker) -> str:
-    """SHA-256 of what a cell depends on, but for the code that only policies run.
+    """SHA-256 of what a cell depends on, except the code that only policies run.
 
     Args:
         config: The configuration, on the ground.
@@ -175,10 +176,10 @@ def _measure(config: Config, walker: Walker, workers: Workers) -> TerrainCell:
 
 
 def lag(summary: Summary) -> tuple[float, float] | None:
-    """Mean and largest lag of robots behind their commands, along them [m/s].
+    """Mean and largest lag of robots behind their commanded velocity, in its direction [m/s].
 
     Args:
-        summary: The episodes. Those that failed, or were commanded to stand, do not count.
+        summary: The episodes. Those that failed, or had no commanded vx or vy, do not count.
 
     Returns:
         Both, or None if no episode counts.
