@@ -2,7 +2,7 @@
 
 In the paper's count (IV-F) a rollout of LocoDAGGER fails if the MPC diverges while it drives, or if
 the robot falls while the policy drives; a rollout of LocoSafeDAGGER fails only if the MPC diverges.
-Physical falls are shown beside it: all of them, whoever drove.
+Physical falls are shown beside this count: all of them, whoever drove.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ FAILED = percent("failed, in the paper's count")
 FALLS = percent("fell, whoever drove")
 """Physical falls, as a share of an iteration's rollouts."""
 SHARE = percent("MPC drove, over T")
-"""The share of the time of the rollouts that the expert drove."""
+"""The share of the rollouts' time that the expert drove."""
 SHARE_WITH_TAIL = percent("MPC drove, with the tail")
-"""The same, with the tail after the rollout."""
+"""The same share, over the rollouts with their tails."""
 
 ValueOf = Callable[[StageSource, str], Number]
-"""What to show of a collection of a method."""
+"""Returns the number to show for a collection, given the name of its method."""
 
 
 def collecting_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
@@ -123,11 +123,11 @@ def paper_failures(stage: StageSource, method: str) -> Number:
 
 
 def falls(stage: StageSource, method: str = "") -> Number:
-    """Share of an iteration's rollouts that fell, which is the same count for all methods."""
+    """Share of an iteration's rollouts that fell, counted in the same way for all methods."""
     del method
     return share(stage.number("falls"), stage.number("episodes"))
 
 
 def _field(name: str) -> ValueOf:
-    """A field of the collection that is a share of a time."""
+    """Reads a field of the collection that is a share of time."""
     return lambda stage, _method: stage.share(name)

@@ -1,7 +1,7 @@
 """Draws the figures of a report with Matplotlib, in the style and palette of the package's plots.
 
-`draw` makes a figure of its panels. Techniques differ in color, marker and line. Next: `pictures`,
-which makes files of a figure and puts it into a page.
+`draw` draws a figure with all its panels. Techniques differ in color, marker and line style. Next:
+`pictures`, which saves a figure as files and puts it into a page.
 """
 
 from __future__ import annotations
@@ -35,15 +35,15 @@ EXPERT_LINE = ":"
 DODGE = 0.13
 """Distance between techniques at the same iteration."""
 LOGARITHMIC = 30.0
-"""An axis is logarithmic where its largest value is so many times its smallest."""
+"""In a figure over frames, the axis of values is logarithmic if they span more than this ratio."""
 MOST_COLUMNS = 3
-"""Panels beside each other: with more of them, nothing can be read on a page."""
+"""Most panels in a row: with more of them, nothing can be read on a page."""
 TITLE_WIDTH = 40
 """Characters of a line of a panel's title."""
 TECHNIQUE_HEIGHT = 0.28
-"""[inches] for a technique in a figure that has a line for each of them."""
+"""[inches] Height for each technique in a figure that has one line per technique."""
 LAYOUT_PASSES = 2
-"""Names of directions beside a circle are seen by the second pass of the layout only."""
+"""Only the second pass of the layout takes the names of directions beside a circle into account."""
 LOOK: dict[RcKeyType, Any] = {
     **STYLE,
     "text.color": INK,
@@ -58,20 +58,20 @@ LOOK: dict[RcKeyType, Any] = {
     "font.family": "sans-serif",
     "lines.markersize": 6,
 }
-"""Settings of Matplotlib of all figures of a report."""
+"""Matplotlib's settings for all figures of a report."""
 AXIS_TITLES = {
     "iterations": "iteration",
     "policies": "policy",
     "frames": "frames of the dataset [thousands]",
     "directions": "",
 }
-"""Titles of the horizontal axes, by the figure's kind; techniques have the values there."""
+"""Titles of the horizontal axes, by the figure's kind; figures by technique show values there."""
 
 
 def draw(figure: ReportFigure) -> Figure:
     """Draw a figure; what has not been measured is left out.
 
-    The settings of `LOOK` must hold when it is saved, too, as they do in `pictures`.
+    The settings of `LOOK` must also be active when the figure is saved, as they are in `pictures`.
     """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
@@ -93,14 +93,14 @@ def draw(figure: ReportFigure) -> Figure:
                 axes.set_title(title, loc="center" if projection else "left")
                 _draw_panel(axes, figure, panel)
                 if figure.kind == "techniques" and column > 0:
-                    axes.tick_params(labelleft=False)  # the names stand once in a row
+                    axes.tick_params(labelleft=False)  # the names appear once in a row
         if figure.kind != "techniques" and figure.over_runs:
             handles = [_handle(curve) for curve in figure.curves]
-            # Entries of so many characters fit beside each other.
+            # As many entries fit side by side as have room for the longest one.
             widest = 0.6 + 0.085 * max(len(curve.title) for curve in figure.curves)
             columns_that_fit = max(1, int(width / widest))
             drawn.legend(handles=handles, loc="outside upper left", ncols=columns_that_fit)
-        # The layout settles when it is done again, and is then the same for all files.
+        # The layout settles when it is repeated, and is then the same for all files.
         for _ in range(LAYOUT_PASSES):
             drawn.draw_without_rendering()
         drawn.set_layout_engine("none")
@@ -138,7 +138,7 @@ def _line(curve: Curve) -> Any:
 
 def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
     """Draw one panel."""
-    # All panels have the same techniques, whether or not something was measured of each.
+    # All panels have the same techniques, even those of which nothing was measured.
     names = [curve.technique for curve in _trained(figure)]
     if figure.kind == "techniques":
         _name_techniques(axes, figure)
@@ -186,7 +186,7 @@ def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
 
 
 def _trained(figure: ReportFigure) -> list[Curve]:
-    """The first curve of each technique of a figure but the expert."""
+    """The first curve of each technique of a figure, except the expert."""
     return [curve for curve in figure.curves if curve.style >= 0]
 
 
@@ -200,7 +200,7 @@ def _name_techniques(axes: Axes, figure: ReportFigure) -> None:
 
 
 def _values(panel: Panel) -> list[float]:
-    """All runs of a panel, and the expert, in the unit that is written."""
+    """The values of all runs of a panel, and of the expert, in the panel's unit."""
     curves = [*panel.curves, *([] if panel.reference is None else [panel.reference])]
     return [
         point.y.value / panel.quantity.scale
@@ -214,7 +214,7 @@ def _values(panel: Panel) -> list[float]:
 def _limits(figure: ReportFigure, panel: Panel) -> tuple[float, float] | None:
     """The ends of the axis of a panel's values; None for a logarithmic one.
 
-    They go by the runs; the intervals of few runs may reach beyond them.
+    They are chosen by the runs; the intervals of few runs may reach beyond them.
     """
     values = _values(panel)
     top = max(values)
@@ -224,7 +224,7 @@ def _limits(figure: ReportFigure, panel: Panel) -> tuple[float, float] | None:
         top = max(top, 1.5 * limit)
     if panel.quantity.is_share:
         if not figure.over_runs:
-            # The intervals of one run are those of its episodes, and not as wide.
+            # The intervals of a single run are those of its episodes, and narrower.
             ends = [
                 end.value / panel.quantity.scale
                 for curve in panel.curves
@@ -242,12 +242,12 @@ def _limits(figure: ReportFigure, panel: Panel) -> tuple[float, float] | None:
 
 
 def _share_limits(lowest: float, top: float, most: float) -> tuple[float, float]:
-    """The ends of an axis of shares: the whole, or the part of it where all of them are.
+    """The ends of an axis of shares: the whole range, or the part of it with all the shares.
 
     Args:
         lowest: The smallest share.
         top: The largest share.
-        most: The share 1 in the unit that is written.
+        most: A share of 1 in the panel's unit.
     """
     if top <= 0.5 * most:
         return -0.05 * top, max(1.25 * top, 0.05 * most)
@@ -300,7 +300,7 @@ def _draw_curve(axes: Axes, panel: Panel, curve: Curve, kind: str, shift: float)
 
 
 def _draw_technique(axes: Axes, panel: Panel, place: int, curve: Curve) -> None:
-    """A technique on a line of its own: every run, and the mean with its interval below them."""
+    """A technique on its own line: every run, and the mean with its interval below them."""
     scale = panel.quantity.scale
     color = _color(curve)
     for group in curve.groups:

@@ -1,8 +1,8 @@
-"""Short films for the page of a study: every technique's best policy, and the expert, pushed alike.
+"""Short films for a study's page: each technique's best policy and the expert, pushed the same way.
 
-A policy is that of the technique's run that succeeds most often on the first measurement of
-robustness, under the study's first setting. The robot trots from standing; the same push comes from
-the side. Each film is a part of the page, so that the page stays one file.
+The policy of a technique is the one that succeeds most often in the first measurement of
+robustness, under the study's first setting. The robot trots from standing and gets the same push
+from the side. The films are parts of the page, so the page stays a single file.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class Filmed:
     """A film of one controller.
 
     Attributes:
-        title: The technique, and the run whose policy it is.
+        title: The technique, and the run that the policy comes from.
         outcome: How the episode ended, in words.
         impulse: Impulse of the push [N s].
         content: The film, an MP4.
@@ -71,7 +71,7 @@ class Filmed:
 
 
 def study_films(results: StudyResults) -> Markup:
-    """The films of a study; nothing where there is no policy, or nothing can be drawn."""
+    """The films of a study; nothing if there is no policy, or if nothing can be rendered."""
     chosen = best_cells(results)
     if chosen:
         chosen += expert_cells(results)
@@ -79,7 +79,7 @@ def study_films(results: StudyResults) -> Markup:
     for technique, cell in tqdm(chosen, "films", leave=False, unit="film"):
         try:
             filmed.append(film_policy(technique.title, cell.config, cell.policy, cell.cell.name))
-        except (RenderingUnavailable, ImportError) as error:  # of a simulator that is not here
+        except (RenderingUnavailable, ImportError) as error:  # for a simulator that is missing
             logger.warning(f"the report has no films: {error}")
             return NOTHING
         except PolicyFileError as error:
@@ -88,7 +88,7 @@ def study_films(results: StudyResults) -> Markup:
 
 
 def best_cells(results: StudyResults) -> list[tuple[Technique, CellResult]]:
-    """Each technique's run with a policy that succeeds most often, the first among equals."""
+    """Each technique's run whose policy succeeds most often, the first one if several do."""
     setting = results.study.settings[0].name
     measurement = next(
         (each.name for each in results.study.measurements if each.measure == "robustness"), ""
@@ -118,16 +118,16 @@ def expert_cells(results: StudyResults) -> list[tuple[Technique, CellResult]]:
 
 
 def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Filmed:
-    """Let a policy, or the expert, trot from standing, push it, and film that.
+    """Film a policy, or the expert, as it trots from standing and is pushed.
 
     Args:
-        title: How figures call the technique.
+        title: Name of the technique in figures.
         config: Configuration of the run, which fixes the simulator.
         policy: File of the policy; None films the expert.
         run: Name of the run.
 
     Raises:
-        RenderingUnavailable: There is no OpenGL without a screen, or no ffmpeg.
+        RenderingUnavailable: OpenGL does not work without a screen here, or there is no ffmpeg.
         PolicyFileError: The policy's file is damaged.
     """
     start = standing_start(Command(SPEED, 0.0, 0.0), config.robot)
@@ -139,7 +139,7 @@ def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Fi
     arbiter = ExpertOnly() if policy is None else PolicyOnly()
     if policy is None:
         config = completed(config)  # the expert that was measured has its measured values
-    # What counts as a fall is what does so in the measurement of pushes.
+    # Falls are counted as in the measurement of pushes.
     config = replace(config, safety=replace(config.safety, fall_angle=config.push.fall_angle))
     rollouts, _ = play_out(Job(config, episodes, arbiter, policy=policy))
     length = max(int(rollouts.length[0]), 1)
@@ -163,7 +163,7 @@ def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Fi
 
 
 def film_section(filmed: Sequence[Filmed]) -> Markup:
-    """Films beside each other, with what happens in them; nothing without any."""
+    """Films side by side, with what happens in each; nothing without any."""
     if not filmed:
         return NOTHING
     figures = []

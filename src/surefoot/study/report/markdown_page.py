@@ -1,9 +1,9 @@
 """The results of a study as Markdown, for a page of the documentation.
 
-`page_of_tables` puts them into the generated part of a page whose prose stays. A study that judges
-the paper's claims has the table of claims; any other has a table for each setting, in which a
-technique is a row. Both have the predictions with what came of them, and the comparisons that were
-planned before the study ran.
+`page_of_tables` puts them into the generated part of a page and keeps the page's prose. A study
+that judges the paper's claims has the table of claims; any other has a table for each setting, with
+a row for each technique. Both have the predictions with their outcomes, and the comparisons that
+were planned before the study ran.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from surefoot.study.run_values import is_trained
 from surefoot.study.tables import markdown, page_with
 
 UNMEASURED = "–"
-"""What stands in a table where nothing was measured."""
+"""Shown in a table where nothing was measured."""
 TRACKING = "{}: mean squared errors of vx, vy, yaw rate, from 1 s on [10⁻³ m²/s², rad²/s²]"
 """Title of the column of tracking errors."""
 
@@ -54,7 +54,7 @@ def page_of_tables(results: StudyResults, report: StudyReport, path: Path) -> st
 
 
 def _about(results: StudyResults, report: StudyReport) -> str:
-    """How many runs there are, and how the cells of the tables are to be read."""
+    """How many runs there are, and how to read the cells of the tables."""
     trained = [
         cell.name
         for cell in cells_of(results.study)
@@ -111,7 +111,7 @@ def _setting_table(
 
 
 def _success(panel: Panel, technique: str) -> str:
-    """What a technique reaches in a panel: mean, interval and every run."""
+    """A technique's result in a panel: mean, interval and every run."""
     group = _group(panel, technique)
     if group is None or group.estimate is None:
         return UNMEASURED
@@ -138,7 +138,7 @@ def _group(panel: Panel, technique: str) -> Group | None:
 
 
 def _interval(estimate: Estimate, scale: float) -> str:
-    """The interval of a mean in brackets; nothing where there is none."""
+    """The interval of a mean in brackets, if there is one, and a colon."""
     if estimate.low is None or estimate.high is None:
         return ":"
     return f" [{_short(estimate.low, scale)}, {_short(estimate.high, scale)}]:"
@@ -160,7 +160,7 @@ def _costs(cells: list[CellResult]) -> list[str]:
 
 
 def _predictions(predictions: tuple[JudgedPrediction, ...]) -> str:
-    """The predictions with what came of them."""
+    """The predictions with their outcomes."""
     head = ("prediction, written before the study ran", "verdict", "what came out")
     lines = [
         (each.prediction, f"**{each.verdict or UNJUDGED}**", each.came_out) for each in predictions

@@ -1,7 +1,7 @@
-"""HTML by small functions: whatever is not markup yet is escaped, and a number keeps its source.
+"""HTML from small functions: whatever is not markup yet is escaped, and a number keeps its source.
 
-`Markup` is a text that may stand in a page; only `escaped` and `element` make one, so that the type
-checker finds a name that would reach the page as it is.
+`Markup` is text that may be put into a page as it is. Plain text becomes markup only in functions
+that escape it, so the type checker finds any text that would reach the page unescaped.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from surefoot.study.report.numbers import Estimate, Number
 from surefoot.study.report.panels import Quantity
 
 Markup = NewType("Markup", str)
-"""A text that may stand in a page as it is."""
+"""Text that may be put into a page as it is."""
 NOTHING = Markup("")
 """No text at all."""
 MISSING = Markup('<span class="missing" title="not measured">–</span>')
-"""What stands where there is no number."""
+"""Shown where there is no number."""
 COUNT = Quantity("", "", 1.0, 0)
 """A whole number."""
 
 
 def escaped(text: str) -> Markup:
-    """A text as it is to be read, whatever it holds."""
+    """Plain text as markup, with its special characters escaped."""
     return Markup(escape(text, quote=True))
 
 
@@ -33,7 +33,7 @@ def element(name: str, content: Markup, attributes: Mapping[str, str] | None = N
 
     Args:
         name: Name of the element.
-        content: What stands in it.
+        content: What it contains.
         attributes: Its attributes; the values are escaped here.
     """
     pairs = "".join(
@@ -73,7 +73,7 @@ def number(each: Number, quantity: Quantity = COUNT, unit: bool = True) -> Marku
     Args:
         each: The number.
         quantity: How it is written.
-        unit: Whether to write the unit behind it.
+        unit: Whether to write the unit after it.
     """
     if not each.is_known:
         return MISSING
@@ -99,13 +99,13 @@ def interval(estimate: Estimate, quantity: Quantity) -> Markup:
 def table(
     caption: str, head: Sequence[str], rows: Sequence[Sequence[Markup]], heads: int = 1
 ) -> Markup:
-    """A table with a caption, which scrolls by itself where the page is narrow.
+    """A table with a caption, which scrolls on its own if the page is narrow.
 
     Args:
         caption: What the table shows.
         head: Titles of the columns.
         rows: The cells of each row.
-        heads: Number of columns at the left that name their row.
+        heads: Number of columns on the left that name their row.
     """
     titles = joined([element("th", escaped(text), {"scope": "col"}) for text in head], "")
     lines = []
@@ -130,11 +130,11 @@ def table(
 
 
 def folded(summary: str, content: Markup, is_open: bool = False) -> Markup:
-    """Something that the reader unfolds.
+    """Content that the reader can unfold.
 
     Args:
-        summary: What stands there while it is folded.
-        content: What is unfolded.
+        summary: What is shown while it is folded.
+        content: What is shown when it is unfolded.
         is_open: Whether it is unfolded at first.
     """
     inner = joined([element("summary", escaped(summary)), content])
@@ -158,7 +158,7 @@ def section(identity: str, title: str, content: Sequence[Markup]) -> Markup:
 
 
 def facts(pairs: Sequence[tuple[str, Markup]]) -> Markup:
-    """Names and what is to be said of them, one below the other."""
+    """Names with their descriptions, one below the other."""
     lines = [
         Markup(element("dt", escaped(name)) + element("dd", content)) for name, content in pairs
     ]

@@ -1,11 +1,12 @@
-"""Numbers that know where they are stored, and what several runs say together.
+"""Numbers together with the place where they are stored, and means over several runs.
 
 Each number on a page names its source: a place in a file of the study, such as
 ``loco_safe_dagger/seed-0/metrics.jsonl#/3/falls`` (a file, and a JSON pointer into it), or a
-formula of such places, such as ``div(A;B)`` or ``mean(A;B;C)``. Sums go over whole files:
-``add(F#/collect/falls)`` is that over all lines of the stage `collect`, ``add(F#/*/seconds)`` that
-over all lines that have the field, and a file's name may hold ``*`` and ``**``. So a reader, and a
-test, can check the page against the files. The run is the unit: intervals are taken over runs.
+formula of such places, such as ``div(A;B)`` or ``mean(A;B;C)``. Sums run over whole files:
+``add(F#/collect/falls)`` is the sum over all lines of the stage `collect`, ``add(F#/*/seconds)``
+the sum over all lines that have the field, and a file's name may contain ``*`` and ``**``. This
+lets a reader, and a test, check the page against the files. The run is the unit: intervals are
+taken over runs.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ class Number:
     Attributes:
         value: The number, in the unit in which it is stored; NaN where it has not been measured.
         source: Where it is stored, or how it follows from what is stored.
-        trials: Number of trials, if the number is the share of these that had an outcome; 0 if it
-            is a share of something else, such as of a time; None if it is not a share.
+        trials: Number of trials, if the number is the share of trials with an outcome; 0 if it is a
+            share of something else, such as time; None if it is not a share.
     """
 
     value: float
@@ -43,7 +44,7 @@ class Number:
 
 @dataclass(frozen=True)
 class Estimate:
-    """What several runs say together.
+    """A mean over several runs, with its interval.
 
     Attributes:
         mean: Mean over the runs that have a number.
@@ -59,25 +60,25 @@ class Estimate:
 
 
 def stored(value: float | None, file: str, *keys: str | int) -> Number:
-    """A number that stands in a file of a study.
+    """A number stored in a file of a study.
 
     Args:
         value: The number; None where the file has null.
         file: The file, relative to the folder of the study.
-        keys: Keys and positions that lead to the number in the file; the first one of a
-            ``.jsonl`` file is the position of the line, from 0 on.
+        keys: Keys and positions that lead to the number in the file; in a ``.jsonl`` file, the
+            first one is the position of the line, from 0.
     """
     pointer = "".join(f"/{key}" for key in keys)
     return Number(math.nan if value is None else float(value), f"{file}#{pointer}")
 
 
 def stored_share(value: float | None, file: str, *keys: str | int) -> Number:
-    """A share that stands in a file, and is not one of trials; arguments as of `stored`."""
+    """A stored share of something other than trials; the arguments are those of `stored`."""
     return replace(stored(value, file, *keys), trials=0)
 
 
 def share(part: Number, whole: Number) -> Number:
-    """The share of trials that had an outcome; not known without any trial."""
+    """The share of trials with an outcome; unknown without any trial."""
     source = f"div({part.source};{whole.source})"
     if not whole.is_known or whole.value == 0.0:
         return Number(math.nan, source)
@@ -89,21 +90,21 @@ def total(numbers: Sequence[Number], source: str = "") -> Number:
 
     Args:
         numbers: The numbers.
-        source: All their places in short; without it, their sources one by one.
+        source: A short form of all their places; without it, each of their sources is listed.
     """
     source = source or ";".join(number.source for number in numbers)
     return Number(math.fsum(number.value for number in numbers), f"add({source})")
 
 
 def rate(count: Number, seconds: Number) -> Number:
-    """A count for each second; not known in no time at all."""
+    """A count per second; unknown if the time is zero."""
     known = seconds.value > 0.0
     value = count.value / seconds.value if known else math.nan
     return Number(value, f"div({count.source};{seconds.source})")
 
 
 def difference(a: Number, b: Number) -> Number:
-    """The number a without the number b."""
+    """The number a minus the number b."""
     return Number(a.value - b.value, f"sub({a.source};{b.source})")
 
 
@@ -111,8 +112,8 @@ def over_trainings(numbers: Sequence[Number]) -> Number:
     """The mean of the trainings of one seed, which together are one run.
 
     Args:
-        numbers: The number of each training, at least one, in the same unit. Shares of trials have
-            the trials of one of them, as all are tried from the same initial states.
+        numbers: The number of each training, at least one, in the same unit. A mean of shares has
+            the trials of only one training, as all are tried from the same initial states.
     """
     known = [number for number in numbers if number.is_known]
     if len(known) < 2:
@@ -144,7 +145,7 @@ def over_runs(numbers: Sequence[Number]) -> Estimate | None:
 
 
 def interval_over_runs(values: Sequence[float], trials: Sequence[int | None]) -> Interval | None:
-    """The 95 % interval of a mean over runs (`run_statistics.mean_of_runs`); shares end at 0 and 1.
+    """The 95 % interval of a mean over runs (`run_statistics.mean_of_runs`); shares stay in 0 to 1.
 
     Args:
         values: The value of each run.

@@ -1,8 +1,8 @@
 """What a figure shows, as records: the same for its picture, its table and the JSON.
 
-A figure has rows of panels; a panel has a curve for each technique, a curve a group of runs for
-each place on the axis, and a group every run as a point with the mean over runs. `collecting` and
-`performance` make them of results, `drawing` and `tables` show them.
+A figure has rows of panels. A panel has a curve for each technique, a curve has a group of runs for
+each place on the axis, and a group has every run as a point, and the mean over runs. `collecting`
+and `performance` make figures from results; `drawing` and `tables` show them.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from typing import Literal
 from surefoot.study.report.numbers import Estimate, Number, over_runs, over_trainings
 
 Kind = Literal["iterations", "policies", "frames", "directions", "techniques"]
-"""What the horizontal axis counts: iterations, frames of the dataset, directions of a push [deg],
-or nothing, where each technique has a place of its own."""
+"""What a figure is drawn against: iterations, policies, frames of the dataset, directions of a push
+[deg], or techniques, each of which has its own line."""
 
 
 @dataclass(frozen=True)
 class RunPoint:
-    """What one run has at one place.
+    """The value of one run at one place.
 
     Attributes:
         seed: Seed of the run.
@@ -35,7 +35,7 @@ class RunPoint:
 
 @dataclass(frozen=True)
 class Group:
-    """What all runs of a technique have at one place.
+    """The values of all runs of a technique at one place.
 
     Attributes:
         label: Name of the place.
@@ -52,11 +52,11 @@ class Group:
 
 @dataclass(frozen=True)
 class Curve:
-    """What a technique has at all places.
+    """The values of a technique at all places.
 
     Attributes:
         technique: Name of the technique.
-        title: How figures and tables call it.
+        title: Its name in figures and tables.
         style: Number of the technique's color and marker; -1 for the expert.
         groups: The places, in their order.
     """
@@ -74,7 +74,7 @@ class Quantity:
     Attributes:
         title: What it is.
         unit: The unit in which it is written.
-        scale: What one such unit is in the unit that is stored.
+        scale: One such unit, in the unit in which it is stored.
         digits: Number of digits after the point.
         is_share: Whether it lies between 0 and 1.
     """
@@ -118,10 +118,9 @@ class ReportFigure:
         name: Name of its files.
         title: Its title.
         caption: What it shows, in whole sentences.
-        kind: What it is drawn against: iterations, policies, frames, directions, or a line a
-            technique.
+        kind: What it is drawn against.
         rows: Rows of panels; long ones are drawn as several.
-        over_runs: Whether its values are means over runs; else they are those of one run.
+        over_runs: Whether its values are means over runs; otherwise they come from a single run.
     """
 
     name: str
@@ -154,7 +153,7 @@ def group_of(label: str, trainings: Sequence[RunPoint]) -> Group:
 
     Args:
         label: Name of the place.
-        trainings: What each training has there, at least one.
+        trainings: The value of each training there, at least one.
     """
     by_seed: dict[int, list[RunPoint]] = {}
     for training in trainings:
@@ -169,5 +168,5 @@ def group_of(label: str, trainings: Sequence[RunPoint]) -> Group:
 
 
 def grid(panels: Sequence[Panel], columns: int) -> tuple[tuple[Panel, ...], ...]:
-    """Panels in rows of a number of columns; the last row may be shorter."""
+    """Panels in rows with a given number of columns; the last row may be shorter."""
     return tuple(tuple(panels[first : first + columns]) for first in range(0, len(panels), columns))

@@ -1,8 +1,8 @@
 """The figures of what policies can do: success and tracking against data, pushes, other simulators.
 
-The paper's third to fifth figure, and others that show the best policy of every run: its success in
-all measurements, for example in the other simulator, and how far it is from the expert. The best
-policy of a run is the one that was chosen on the `select` initial states.
+These are the paper's third to fifth figures, and others that show the best policy of every run: its
+success in all measurements, for example in the other simulator, and its deviation from the expert.
+The best policy of a run is the one that was chosen on the `select` initial states.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ WAYS = (
     ("mse", "successes, whole episode"),
     ("settled_mse", "all episodes, from 1 s on"),
 )
-"""The paper's way to count errors, and that of all episodes; with the fields that hold them."""
+"""The paper's way to measure errors, and the one over all episodes, each after its field."""
 IMPULSES = (
     ("max_impulse", Quantity("largest impulse survived", "N s", 1.0, 2)),
     ("fitted_impulse", Quantity("impulse of the fitted curve", "N s", 1.0, 2)),
@@ -62,7 +62,7 @@ IMITATION = Quantity("deviation from the expert", "mrad", 1.0, 1)
 """Mean absolute deviation from the expert's targets."""
 
 ValueOf = Callable[[TestSource], Number]
-"""What to show of a test of a policy."""
+"""Returns the number to show for a policy's test."""
 
 
 def performance_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
@@ -81,9 +81,9 @@ def performance_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
 
 
 def tracked_best(study: StudyConfig) -> list[Measurement]:
-    """The measurement whose tracking errors are shown of the best policies: the first one.
+    """The measurement whose tracking errors are shown for the best policies: the first one.
 
-    There is none where the errors are shown of every policy.
+    There is none if the errors are shown for every policy.
     """
     measurements = [each for each in study.measurements if each.measure == "robustness"]
     return [each for each in measurements[:1] if each.policies == "best"]
@@ -221,7 +221,7 @@ def _by_direction(
 
 
 def _mean_push_figure(results: StudyResults, measurement: Measurement) -> ReportFigure:
-    """The impulses of the best policies, mean of all directions."""
+    """The impulses of the best policies, averaged over all directions."""
     rows = tuple(
         tuple(
             _by_technique(
@@ -317,7 +317,7 @@ def _by_technique(
     value: ValueOf,
     title: str = "",
 ) -> Panel:
-    """A panel of the best policies, where each technique has a place of its own."""
+    """A panel of the best policies, in which each technique has its own line."""
 
     def best(cells: Sequence[CellResult]) -> tuple[Group, ...]:
         points = []

@@ -1,7 +1,7 @@
 """Pictures of the figures of a report: files, and parts of a page.
 
 `save_pictures` writes a figure as PNG and PDF; `inline_svg` makes it a part of a page, where its
-colors become variables of the page's style, so that one picture fits a light and a dark page. Read
+colors become variables of the page's style, so one picture suits light and dark pages. Read
 `drawing` for how a figure is drawn.
 """
 
@@ -83,7 +83,7 @@ def save_pictures(drawn: Figure, figure: ReportFigure, folder: Path) -> tuple[Pa
 
 
 def inline_svg(drawn: Figure, figure: ReportFigure) -> Markup:
-    """A figure as a part of a page, with the page's colors and a text for who cannot see it.
+    """A figure as a part of a page, with the page's colors and a text for those who cannot see it.
 
     Args:
         drawn: The figure as it is drawn.
@@ -97,7 +97,7 @@ def inline_svg(drawn: Figure, figure: ReportFigure) -> Markup:
     text = buffer.getvalue().decode()
     text = text[text.index("<svg") :]
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    # Several pictures stand in one page, where every id has to be another one.
+    # A page has several pictures, and all of its ids must differ.
     text = re.sub(r'\bid="', f'id="{figure.name}-', text)
     text = re.sub(r"url\(#", f"url(#{figure.name}-", text)
     text = re.sub(r'href="#', f'href="#{figure.name}-', text)
@@ -116,6 +116,6 @@ def inline_svg(drawn: Figure, figure: ReportFigure) -> Markup:
 
 
 def alternative(figure: ReportFigure) -> str:
-    """What a figure shows, for who cannot see it; the numbers are in the table beside it."""
+    """What a figure shows, for those who cannot see it; the table beside it has the numbers."""
     names = ", ".join(curve.title for curve in figure.curves)
     return f"{figure.title}. {figure.caption} Shown are: {names}. The table has the same numbers."

@@ -1,7 +1,7 @@
 """The model card of a run: what its policy is, how it was trained, what it can do, where it fails.
 
-`run_card` reads the run's folder, or the folder of a run among a study's results. An unfinished run
-has a card of what is there. Next: `run_page`, which shows the card.
+`run_card` reads the run's folder, or the folder of a run among a study's results. The card of an
+unfinished run shows what exists so far. Next: `run_page`, which shows the card.
 """
 
 from __future__ import annotations
@@ -66,17 +66,17 @@ class Failure:
 
 @dataclass(frozen=True)
 class RunCard:
-    """What is known of a run.
+    """What is known about a run.
 
     Attributes:
         folder: Folder of the run.
         method: Name of its method.
         config: Its configuration.
-        versions: Versions with which it was begun, by name.
+        versions: Versions with which it was started, by name.
         best_iteration: Iteration of the best policy; None if the run is not finished.
-        is_field_run: Whether it went on learning on a robot, behind a bridge.
+        is_field_run: Whether it continued learning on a robot, behind a bridge.
         metrics: Its metrics, in the order of the file.
-        tests: What was measured of its policies, where it lies among the results of a study.
+        tests: What was measured of its policies, if the run is among the results of a study.
         policy: File of the best policy; None if there is none.
         policy_sha256: SHA-256 of that file; empty without one.
         failures: Episodes that failed while data was collected.
@@ -98,13 +98,13 @@ class RunCard:
 
 
 def run_card(folder: Path) -> RunCard:
-    """What is known of a run.
+    """What is known about a run.
 
     Args:
         folder: Folder of the run, or of a run among the results of a study.
 
     Raises:
-        RunError: There is no run, or a file of it cannot be read.
+        RunError: There is no run, or one of its files cannot be read.
         ValueError: A measurement cannot be read.
     """
     run = open_run(folder)

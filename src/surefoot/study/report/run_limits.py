@@ -24,7 +24,7 @@ def limitations(config: Config, is_field_run: bool) -> list[str]:
 
     Args:
         config: Configuration of the run.
-        is_field_run: Whether it went on learning on a robot, behind a bridge.
+        is_field_run: Whether it continued learning on a robot, behind a bridge.
     """
     return [
         _where(config, is_field_run),
@@ -62,7 +62,7 @@ def _where(config: Config, is_field_run: bool) -> str:
 
 
 def _flattery(config: Config, is_field_run: bool) -> str:
-    """What success on the initial states of `select` says."""
+    """What success on the `select` initial states means."""
     if is_field_run or isinstance(config.method, BehaviorCloningConfig):
         return (
             "Success on the select initial states is for choosing among runs; what is to be "
@@ -94,10 +94,10 @@ def disturbance_texts(disturbance: DisturbanceConfig) -> list[str]:
     """The options that disturb robots, with their values; empty if nothing does.
 
     Args:
-        disturbance: What is drawn for each episode, without what changes nothing.
+        disturbance: What is drawn for each episode, without options that change nothing.
     """
     return [
         f"{name} {json.dumps(value)}"
         for name, value, _ in changes(disturbance, DisturbanceConfig())
-        if name != "fall_angle"  # it disturbs nobody
+        if name != "fall_angle"  # it does not disturb robots
     ]

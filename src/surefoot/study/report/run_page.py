@@ -48,16 +48,16 @@ PERCENT = Quantity("", "%", 0.01, 1)
 IMPULSE = Quantity("", "N s", 1.0, 2)
 """An impulse."""
 MOST_OPTIONS = 12
-"""A list of more options is folded at first."""
+"""Longer lists of options are folded at first."""
 MOST_FAILURES = 20
-"""A list of more failures is folded at first."""
+"""Longer lists of failures are folded at first."""
 
 
 def write_run_card(card: RunCard, folder: Path) -> Path:
     """Write the page of a run, and its figures.
 
     Args:
-        card: What is known of the run.
+        card: What is known about the run.
         folder: Folder of the page.
 
     Returns:
@@ -81,7 +81,7 @@ def run_body(card: RunCard, pictures: Sequence[Markup]) -> Markup:
     """Everything that the model card shows.
 
     Args:
-        card: What is known of the run.
+        card: What is known about the run.
         pictures: Its figures, as parts of the page.
     """
     policy = None if card.policy is None else load(card.policy, load_robot(card.config.robot).name)
@@ -150,7 +150,7 @@ def _is_series(card: RunCard) -> bool:
 
 
 def _stage_name(card: RunCard) -> str:
-    """What the numbers of the run's policies count."""
+    """What the run's policies are numbered by."""
     return "policy" if _is_series(card) else "iteration"
 
 
@@ -245,7 +245,7 @@ def _results(card: RunCard, pictures: Sequence[Markup]) -> list[Markup]:
 
 
 def _test_rows(card: RunCard, tests: Tests) -> list[tuple[Markup, ...]]:
-    """What a measurement says of the best policy."""
+    """The rows of a measurement, for the best policy."""
     rows = []
     for position, test in enumerate(tests.policies):
         if test.iteration != card.best_iteration:
@@ -281,7 +281,7 @@ def _test_rows(card: RunCard, tests: Tests) -> list[tuple[Markup, ...]]:
 
 
 def _validation_row(stage: StageSource) -> tuple[Markup, ...]:
-    """What a validation says of a policy."""
+    """The row of a policy's validation."""
     return (
         escaped(str(stage.record.iteration)),
         _rate(stage.number("successes"), stage.number("episodes")),
@@ -296,13 +296,13 @@ def _validation_row(stage: StageSource) -> tuple[Markup, ...]:
 
 
 def _rate(successes: Number, episodes: Number) -> Markup:
-    """A rate of success, and of how many episodes."""
+    """A success rate, with the numbers of successes and of episodes."""
     rate = number(share(successes, episodes), SUCCESS, unit=False)
     return Markup(f"{rate} ({number(successes)} of {number(episodes)})")
 
 
 def _interval(low: Number, high: Number, quantity: Quantity = SUCCESS) -> Markup:
-    """Both ends of an interval."""
+    """An interval as its two ends."""
     return Markup(f"{number(low, quantity, unit=False)} to {number(high, quantity, unit=False)}")
 
 

@@ -1,7 +1,7 @@
 """The results of a study as numbers with their places in its files.
 
-`CellSource` knows the files of a cell; `techniques_shown` and `references` say which curves there
-are. `collecting` and `performance` ask them.
+`StageSource` and `TestSource` pair a record with its place in a file; `trained_curves` and
+`expert_curve` give the curves of a panel. `collecting` and `performance` use them.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from surefoot.study.results import CellResult, StudyResults
 
 @dataclass(frozen=True)
 class StageSource:
-    """A record of a stage, and where it stands.
+    """A record of a stage, and where it is stored.
 
     Attributes:
         file: File of the metrics, relative to the folder of the study.
-        line: Position of its line, from 0 on.
+        line: Position of its line, from 0.
         record: The record.
     """
 
@@ -35,14 +35,14 @@ class StageSource:
     record: StageRecord
 
     def number(self, field: str, *keys: int) -> Number:
-        """The number of a field; keys lead further into a field that holds several."""
+        """The number in a field; keys select one in a field with several."""
         value = vars(self.record)[field]
         for key in keys:
             value = value[key]
         return stored(value, self.file, self.line, field, *keys)
 
     def share(self, field: str) -> Number:
-        """The number of a field that is a share of a time; not known without any rollout."""
+        """The number in a field that is a share of time; unknown without any rollout."""
         shown = stored_share(vars(self.record)[field], self.file, self.line, field)
         is_known = self.number("episodes").value > 0
         return shown if is_known else replace(shown, value=math.nan)
@@ -50,19 +50,19 @@ class StageSource:
 
 @dataclass(frozen=True)
 class TestSource:
-    """What a measurement says of a policy, and where it stands.
+    """A measurement's results for a policy, and where they are stored.
 
     Attributes:
         file: File of the measurement, relative to the folder of the study.
-        position: Position of the policy in it, from 0 on.
-        test: What it says.
+        position: Position of the policy in it, from 0.
+        test: The results.
     """
 
     file: str
     position: int
     test: PolicyTest
 
-    __test__ = False  # no test of pytest
+    __test__ = False  # pytest must not collect it
 
     @property
     def frames(self) -> Number:
@@ -70,15 +70,15 @@ class TestSource:
         return stored(self.test.frames, self.file, "policies", self.position, "frames")
 
     def robustness(self, field: str, *keys: int) -> Number:
-        """A number of its robustness; not known if that has not been measured."""
+        """A number of its robustness; unknown if not measured."""
         return self._of("robustness", self.test.robustness, field, keys)
 
     def pushes(self, field: str, *keys: int) -> Number:
-        """A number of the impulses that it withstands; not known if not measured."""
+        """A number of the impulses that it withstands; unknown if not measured."""
         return self._of("pushes", self.test.pushes, field, keys)
 
     def imitation(self, field: str) -> Number:
-        """A number of its deviation from the expert; not known if not measured."""
+        """A number of its deviation from the expert; unknown if not measured."""
         return self._of("imitation", self.test.imitation, field, ())
 
     def _of(self, part: str, record: object, field: str, keys: tuple[int, ...]) -> Number:
@@ -110,7 +110,7 @@ def collections(cell: CellResult) -> Iterator[tuple[StageSource, Collected]]:
 
 
 def tests(cell: CellResult, measurement: str) -> tuple[TestSource, ...]:
-    """What a measurement says of the policies of a cell, with its places."""
+    """A measurement's results for the policies of a cell, with their places."""
     if measurement not in cell.tests:
         return ()
     file = f"{cell.cell.name}/{TESTS_FOLDER}/{measurement}.json"
@@ -119,7 +119,7 @@ def tests(cell: CellResult, measurement: str) -> tuple[TestSource, ...]:
 
 
 def best_test(cell: CellResult, measurement: str) -> TestSource | None:
-    """What a measurement says of the best policy of a cell, or of the expert."""
+    """A measurement's results for the best policy of a cell, or for the expert."""
     wanted = cell.best_test(measurement)
     for source in tests(cell, measurement):
         if wanted is not None and source.test.iteration == wanted.iteration:
@@ -136,7 +136,7 @@ def techniques_shown(results: StudyResults) -> Iterator[tuple[int, Technique]]:
 def expert_curve(
     results: StudyResults, setting: str, groups: Callable[[Sequence[CellResult]], Sequence[Group]]
 ) -> Curve | None:
-    """The expert of a setting as a curve; None where it has nothing to show.
+    """The expert of a setting as a curve; None if it has nothing to show.
 
     Args:
         results: The results.

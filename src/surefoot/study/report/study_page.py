@@ -1,8 +1,8 @@
-"""The report of a study: its page, its pictures, and the same as records.
+"""The report of a study: its page, its pictures, and the same content as records.
 
 `study_report` makes the records, `write_study_report` the files: ``report.html``, which needs no
-network and no other file, and a folder of figures with each as PNG and PDF. An unfinished study has
-a report of what is there, and a list of what is missing.
+network and no other file, and a folder with each figure as PNG and PDF. The report of an unfinished
+study shows what exists so far, and lists what is missing.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ from surefoot.study.results import StudyResults
 HOURS = Quantity("", "h", 3600.0, 2)
 """A time in hours."""
 MOST_ROWS = 14
-"""Tables of more rows are folded at first."""
+"""Longer tables are folded at first."""
 ABOUT_INTERVALS = (
     "The run, which is a seed of the data, is the unit; several trainings on it count as one run, "
     "with their mean. Every run is a point, means are over runs, and intervals are 95 % t "
@@ -77,7 +77,7 @@ class StudyReport:
         commit: The commit that its jobs ran; None outside of a checkout.
         version: Version of the package.
         missing: Names of the cells that lack a result.
-        predictions: What was expected, written before the study ran, and what came of it.
+        predictions: What was expected, written before the study ran, and the outcomes.
         verdicts: The claims and the planned comparisons with their verdicts.
         figures: The figures, with every number that they show and where it is stored.
     """
@@ -119,8 +119,8 @@ def write_study_report(
     Args:
         results: The results.
         report: What the report shows of them.
-        folder: Folder of the page; the pictures lie in the folder of figures in it.
-        films: Films for the page, as markup that holds them whole.
+        folder: Folder of the page; the pictures go into its folder of figures.
+        films: Films for the page, as markup that contains them entirely.
 
     Returns:
         The page.

@@ -1,7 +1,7 @@
 """The look of a report's page: light and dark, wide and narrow, on screen and on paper.
 
-`document` is the only place that makes a whole page. Its policy forbids the browser to load
-anything, so that the page is the same wherever it is opened.
+Only `document` makes a whole page. The page's content security policy keeps the browser from
+loading anything, so the page is the same wherever it is opened.
 """
 
 from __future__ import annotations

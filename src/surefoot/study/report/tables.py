@@ -1,4 +1,4 @@
-"""The tables of a study's report: beside each figure, costs, jobs, versions and hashes."""
+"""The tables of a study's report: numbers of figures, costs, jobs, versions and hashes."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SECONDS = Quantity("", "", 1.0, 1)
 MINUTES = Quantity("", "", 60.0, 1)
 """A time in minutes."""
 EACH_MINUTE = Quantity("", "", 1 / 60, 2)
-"""A rate, stored for each second and written for each minute."""
+"""A rate, stored per second and written per minute."""
 TORQUE = Quantity("", "", 1.0, 1)
 """A torque in N m."""
 SUMS = (
@@ -116,7 +116,7 @@ def _curve_rows(figure: ReportFigure, quantity: Quantity, curve: Curve) -> list[
 
 
 def in_row(estimate: Estimate) -> Estimate:
-    """An estimate whose sources say that its runs stand in the same row, which is short."""
+    """An estimate whose sources are shortened to refer to the runs in the same row."""
     low = None if estimate.low is None else replace(estimate.low, source="low(row)")
     high = None if estimate.high is None else replace(estimate.high, source="high(row)")
     return replace(estimate, mean=replace(estimate.mean, source="mean(row)"), low=low, high=high)
@@ -139,14 +139,14 @@ def cost_of(cell: CellResult) -> dict[str, Number]:
         [each.number("rollout_seconds_with_tail") for each in collected],
         f"{file}#/collect/rollout_seconds_with_tail",
     )
-    costs["fall_rate"] = rate(costs["falls"], known)  # of queries, falls are not counted
+    costs["fall_rate"] = rate(costs["falls"], known)  # both are without queries
     costs["max_torque"] = _peak_torque(cell)
     costs["seconds"] = total([each.number("seconds") for each in timed], f"{file}#/*/seconds")
     return costs
 
 
 def mean_costs(cells: Sequence[CellResult]) -> dict[str, Estimate | None]:
-    """What runs cost in the mean, by the keys of `COSTS`.
+    """The mean cost of runs, by the keys of `COSTS`.
 
     Trainings on the data of one seed count as one run, with their mean.
     """
@@ -162,7 +162,7 @@ def mean_costs(cells: Sequence[CellResult]) -> dict[str, Estimate | None]:
 
 
 def _peak_torque(cell: CellResult) -> Number:
-    """The largest torque of a cell's best policy where it is measured first; else not known."""
+    """The largest torque of a cell's best policy in the first measurement that has it."""
     for measurement in cell.tests:
         test = best_test(cell, measurement)
         if test is not None and test.test.robustness is not None:
@@ -226,7 +226,7 @@ def job_table(results: StudyResults) -> Markup:
 
 
 def job_seconds(results: StudyResults) -> Number:
-    """How long all jobs ran together [s]."""
+    """The total time of all jobs [s]."""
     seconds = [Number(job.seconds, "") for cell in results.cells for job in cell.jobs]
     return total(seconds, f"**/{JOBS_FOLDER}/*.json#/seconds")
 

@@ -13,23 +13,23 @@ from surefoot.study.report.markup import Markup, element, escaped, table
 from surefoot.study.results import StudyResults
 
 SIGNS = {"holds": "✓", "does not hold": "✗", "cannot tell": "?"}
-"""A sign beside each verdict, which does not depend on its color."""
+"""A sign for each verdict, which can be read without its color."""
 UNJUDGED = "not judged yet"
-"""The verdict on a prediction of which nobody has said what came of it."""
+"""The verdict on a prediction that nobody has judged."""
 CLASSES = {"holds": "holds", "does not hold": "fails"}
 """Classes of the verdicts in the page's style."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """A judged claim or comparison, as the report's JSON has it.
+    """A judged claim or comparison, as in the report's JSON.
 
     Attributes:
         text: The sentence.
-        section: Where it stands in the paper; of a comparison the setting, empty if there is one.
+        section: Its section in the paper; for a comparison the setting, empty if there is only one.
         verdict: `holds`, `does not hold` or `cannot tell`.
         number: What was measured.
-        reason: Why the verdict is what it is.
+        reason: The reason for the verdict.
     """
 
     text: str
@@ -71,7 +71,7 @@ def verdict_table(caption: str, verdicts: Sequence[Verdict], where: str) -> Mark
     Args:
         caption: What the table shows.
         verdicts: The verdicts.
-        where: Title of the column that says where a sentence stands, if any of them says it.
+        where: Title of the column of sections, which is there if any verdict has one.
     """
     are_placed = any(each.section for each in verdicts)
     rows = []
@@ -91,7 +91,7 @@ def verdict_table(caption: str, verdicts: Sequence[Verdict], where: str) -> Mark
 
 
 def prediction_table(predictions: Sequence[JudgedPrediction]) -> Markup:
-    """A table of predictions, with what came of those that somebody has judged."""
+    """A table of predictions, with the outcomes of those that have been judged."""
     caption = "Predictions, written before the study ran, and what came of them"
     head = ("prediction", "verdict", "what came out")
     rows = [
