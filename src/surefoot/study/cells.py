@@ -63,7 +63,7 @@ class StudyJob:
 
 
 def cells_of(study: StudyConfig) -> tuple[Cell, ...]:
-    """All cells of a study: seed by seed, so that an unfinished study has whole seeds.
+    """All cells of a study, seed by seed, so an unfinished study has complete seeds.
 
     The expert has one cell in each setting, because its measurements do not depend on a seed.
     """
@@ -82,7 +82,7 @@ def cells_of(study: StudyConfig) -> tuple[Cell, ...]:
 def _cell_name(
     study: StudyConfig, technique: Technique, setting: str, seed: int, training: int
 ) -> str:
-    """Folder of a cell; it leaves out a study's only setting, and the number of training 0."""
+    """Folder of a cell; without the setting if there is only one, and without training 0."""
     parts = [setting] if len(study.settings) > 1 else []
     parts.append(technique.name)
     if technique.method != EXPERT:

@@ -148,7 +148,7 @@ def shared_settings(config: Config, episodes: int) -> Config:
 
 
 def _same_starts(run: Run, other: Run) -> bool:
-    """Whether two runs have the same initial states, in whatever files."""
+    """Whether two runs have the same initial states, even if in different files."""
     own = [read_setup(each.folder).starts_hash for each in (run, other)]
     return own[0] != "" and own[0] == own[1]
 
@@ -167,7 +167,7 @@ def check_comparable(run: Run, first: Run) -> None:
         settings = replace(settings, start_set=first.config.start_set)
     own = run.config.robot.spec
     others = first.config.robot.spec
-    if own and others and description_hash(own) == description_hash(others):  # likewise
+    if own and others and description_hash(own) == description_hash(others):  # the same here
         settings = replace(settings, robot=replace(settings.robot, spec=others))
     for name, value, other in changes(settings, shared_settings(first.config, 1)):
         raise ValueError(

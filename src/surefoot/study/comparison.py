@@ -49,8 +49,8 @@ class Measurements:
         simulators: The simulators to measure in.
         episodes: Number of `test` initial states, the first ones of the set.
         pushes: Whether to push the robots too.
-        push_speeds: Number of forward speeds of the robots that are pushed, each at ten phases of
-            the gait; None takes the runs' own number.
+        push_speeds: Number of forward speeds of the robots that are pushed, each at all phases of
+            the gait (ten in a trot); None takes the runs' own number.
         push_directions: Number of directions of the pushes; None takes the runs' own number.
         push_resolution: Distance between two levels of the pushes [N s]; None takes the runs' own.
         starts: Name of the set of initial states, or its file; None is the set of the runs.
@@ -271,7 +271,7 @@ def with_differences(comparison: Comparison) -> Comparison:
 
 
 def difference_of(row: Row, other: Row | None, simulator: Backend) -> Difference | None:
-    """Paired differences between two rows in one simulator; None without another row."""
+    """Paired differences of a row to another in one simulator; None without another one."""
     if other is None or other is row:
         return None
     measured = row.results.get(simulator, Measured())

@@ -46,18 +46,18 @@ T = TypeVar("T")
 PLANS_PER_SECOND = TICKS_PER_SECOND / GRID
 """MPC solves for each second that the expert drives or is asked."""
 PHASES = 10
-"""Number of phases of the gait at which stored initial states begin."""
+"""Number of phases of a trot at which stored initial states begin; other gaits have their own."""
 STARTING = 8.0
 """Time that a process takes to start: for imports, and for loading compiled code [s]."""
 SHARE_OF_EXPERT = 0.1
 """Share of the time that the expert is assumed to drive under a monitor (paper, V-A)."""
 TRIED_LEVELS = 1.2
-"""Number of push levels tried in each direction, as a multiple of log2 of all levels' number."""
+"""Push levels tried in each direction, as a multiple of log2 of the number of levels."""
 
 
 @dataclass(frozen=True)
 class Work:
-    """What there is to compute.
+    """The amount of computation.
 
     Attributes:
         plans: Number of MPC solves.

@@ -1,8 +1,8 @@
 """A study's own files in its folder, which no command but the study's and its report's may write.
 
-Other files beside them are free for any use, such as films of the policies that a study keeps. Read
+Other commands may write anything else there, such as films of the policies that a study keeps. Read
 `surefoot.runs.layout` for the files that the study's runs own, `folder` for what the files contain,
-and `state` for what they tell about the study's progress.
+and `state` for what they show about the study's progress.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ PAUSED_FILE = "paused"
 LOCK_FILE = ".lock"
 """File locked by the process that runs the study or, in a job's folder, by the one that does it."""
 WORKERS_FILE = ".workers"
-"""File with the number of jobs that the process which runs the study runs at a time."""
+"""File with the number of jobs at a time, from the process that runs the study."""
 CODE_FOLDER = "code"
 """The worktree of the commit that the study's jobs run."""
 JOBS_FOLDER = "jobs"

@@ -232,7 +232,7 @@ def push_claims(paper: PaperRuns) -> tuple[Claim, ...]:
 
 
 def _larger(paper: PaperRuns, cell: CellResult, technique: str) -> Counted | None:
-    """Number of directions from which a run withstands more than its seed's rival, and of all."""
+    """Number of directions in which a run withstands more than its seed's rival, and of all."""
     run = direction_impulses(cell, paper.push)
     for rival in paper.cells(technique):
         if rival.cell.seed == cell.cell.seed:

@@ -387,7 +387,7 @@ def use_of(share: Array) -> Use | None:
 
 
 def _triple(values: Array) -> Triple:
-    """Three numbers, as records hold them."""
+    """Three numbers as a tuple, for a record."""
     x, y, z = values.tolist()
     return x, y, z
 

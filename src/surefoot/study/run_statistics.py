@@ -49,11 +49,11 @@ class Runs:
     seeds: tuple[int, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check that all values are finite, and that shares have rollouts and lie from 0 to 1.
+        """Check that all values are finite, and that shares are between 0 and 1 and have rollouts.
 
         Raises:
-            ValueError: There is no run, a value is not finite, a share is not from 0 to 1, or the
-                numbers of rollouts do not fit the runs.
+            ValueError: There is no run, a value is not finite, a share is not between 0 and 1, or
+                the numbers of rollouts do not fit the runs.
         """
         if not self.values or not np.isfinite(self.values).all():
             raise ValueError(f"values of runs {self.values}; give at least one, all of them finite")
@@ -242,7 +242,7 @@ def smallest_p(n_a: int, n_b: int) -> float:
 
 
 def holm(p: Sequence[float | None]) -> tuple[float | None, ...]:
-    """Adjust p-values so that at a level of 5 %, any false finding has a chance of at most 5 %.
+    """Adjust p-values so the chance of any false finding among them, at 5 %, is at most 5 %.
 
     Holm's method: with m comparisons the smallest p is multiplied by m, the next by m - 1, and so
     on; an adjusted value is at least the one before it, and at most 1.

@@ -80,7 +80,7 @@ def say_workers(folder: Path, workers: int) -> None:
 
 
 def workers_of(folder: Path) -> int | None:
-    """How many jobs another process that runs a study runs at a time; None without such a process.
+    """How many jobs at a time the process running a study does; None if no other process runs it.
 
     It is also None if an earlier version runs the study, because that does not record the number.
     """

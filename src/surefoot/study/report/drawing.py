@@ -43,7 +43,7 @@ TITLE_WIDTH = 40
 TECHNIQUE_HEIGHT = 0.28
 """[inches] Height for each technique in a figure that has one line per technique."""
 LAYOUT_PASSES = 2
-"""Only the second pass of the layout takes the names of directions beside a circle into account."""
+"""Only the second pass of the layout leaves room for the names of directions beside a circle."""
 LOOK: dict[RcKeyType, Any] = {
     **STYLE,
     "text.color": INK,
@@ -138,7 +138,7 @@ def _line(curve: Curve) -> Any:
 
 def _draw_panel(axes: Any, figure: ReportFigure, panel: Panel) -> None:
     """Draw one panel."""
-    # All panels have the same techniques, even those of which nothing was measured.
+    # All panels have the same techniques, even those without any measurement.
     names = [curve.technique for curve in _trained(figure)]
     if figure.kind == "techniques":
         _name_techniques(axes, figure)
