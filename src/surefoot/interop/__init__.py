@@ -1,1 +1,1 @@
-"""Bridges to other tools: Gymnasium environments, Minari and LeRobot datasets, your own arrays."""
+"""Bridges to other tools: Gymnasium, ONNX, Minari and LeRobot, your own data, logs and planners."""

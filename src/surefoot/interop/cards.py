@@ -1,8 +1,8 @@
 """Cards in Markdown, as the Hugging Face hub shows them: what a dataset or a policy file is.
 
-`dataset_card` is the README of an exported dataset; `policy_card` is written beside a policy that
-is exported or fitted, by `write_policy_card`. Both say for which gait, commands and gains the file
-is, in the same words.
+`dataset_card` is the README of an exported dataset; `write_policy_card` writes a `policy_card` next
+to a policy that is exported or fitted. Both name the gait, commands and gains of the file in the
+same words.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ def dataset_card(
     """The README of an exported dataset.
 
     Args:
-        title: Its first heading.
-        library: The library that reads it.
+        title: The first heading of the card.
+        library: The library that reads the dataset.
         config: The configuration that the data were collected with.
         dataset: The dataset that was exported.
         exported: What was written.
@@ -82,7 +82,7 @@ def dataset_card(
 
 
 def _uneven(terrain: str | None) -> str:
-    """What a card says of a terrain."""
+    """What a card says about a terrain."""
     if terrain is None:
         return ""
     return f", terrain {terrain}; heights are above the ground that the loaded feet felt"
@@ -90,12 +90,12 @@ def _uneven(terrain: str | None) -> str:
 
 @dataclass(frozen=True)
 class PolicyUse:
-    """What a policy's card says that the policy does not know itself.
+    """What a policy's card says beyond what the policy itself contains.
 
     Attributes:
         summary: What the file holds, in one sentence.
-        limits: What must not be expected of it, in sentences.
-        checks: Commands that check or measure it.
+        limits: What must not be expected of the policy, in sentences.
+        checks: Commands that check or measure the policy.
         measured: The robustness that its run measured; None if unknown.
     """
 
@@ -106,7 +106,7 @@ class PolicyUse:
 
 
 def write_policy_card(policy: Policy, file: Path, use: PolicyUse) -> Path | None:
-    """Write the card of a policy beside its file, which has to be there.
+    """Write the card of a policy next to its file, which must exist.
 
     Args:
         policy: The policy.
@@ -114,7 +114,7 @@ def write_policy_card(policy: Policy, file: Path, use: PolicyUse) -> Path | None
         use: What else is known.
 
     Returns:
-        The card; None where the file is a stream, beside which there is nothing.
+        The card; None if the file is a stream, which has no card.
 
     Raises:
         WriteError: The disk is full, or read-only.
@@ -126,7 +126,7 @@ def write_policy_card(policy: Policy, file: Path, use: PolicyUse) -> Path | None
 
 
 def card_path(file: Path | None) -> Path | None:
-    """Where the card of a file lies: trot.onnx has trot.onnx.md.
+    """The path of a file's card: trot.onnx has trot.onnx.md.
 
     Args:
         file: The file; None, a stream such as ``/dev/stdout`` and an empty name have no card.
@@ -141,7 +141,7 @@ def policy_card(policy: Policy, title: str, use: PolicyUse) -> str:
 
     Args:
         policy: The policy.
-        title: Its first heading.
+        title: The first heading of the card.
         use: What else is known.
     """
     spec = policy.spec.observation
@@ -191,7 +191,7 @@ def _walking(spec: PolicySpec, commands: Sequence[Sequence[float]]) -> list[str]
     """Gaits, commands and gains, as items of a list.
 
     Args:
-        spec: What policies of the data, or the policy, see, and the gains.
+        spec: The observation and gains of the policy, or of policies trained on the data.
         commands: ``(3, 2)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s].
     """
     vx, vy, yaw_rate = (f"{low:g} to {high:g}" for low, high in commands)
@@ -220,7 +220,7 @@ def _measured(result: Robustness | None) -> str:
 
 
 def _checks(commands: Sequence[str]) -> list[str]:
-    """The section of the commands that check a policy; nothing without any."""
+    """The section with the commands that check a policy; empty without any commands."""
     if not commands:
         return []
     return ["## How to check it", "", "```bash", *commands, "```", ""]

@@ -1,15 +1,15 @@
 """An MPC in another process: `SocketPlan` is a plan function that asks a server over TCP.
 
-So an MPC in C++, or one behind ROS, is an expert like any other. All numbers are little-endian, and
-a message has a fixed layout, so that a server needs no library:
+This makes an MPC in C++, or one behind ROS, an expert like any other. All numbers are
+little-endian, and messages have a fixed layout, so that a server needs no library:
 
 - A question is 60 doubles: gait clock [ms]; command vx, vy, yaw rate; q (19); v (18); center of
   mass (3); feet (4 x 3); contacts (4, 0 or 1). `surefoot.types` says what they mean.
-- The answer is a 4-byte unsigned integer T, then T rows of 36 doubles, one a millisecond: joint
-  positions, joint velocities, torques. T = 0 says that there is no valid plan.
+- The answer is a 4-byte unsigned integer T, then T rows of 36 doubles, one per millisecond: joint
+  positions, joint velocities, torques. T = 0 means that there is no valid plan.
 
-A question has no gait: an MPC of several has a server for each, see `SocketPlan`. `serve_plan` is
-such a server in Python. Nothing that is received is run.
+A question does not name a gait: an MPC with several needs a server for each, see `SocketPlan`.
+`serve_plan` is such a server in Python. Nothing that is received is executed.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ QUESTION = np.dtype("<f8")
 SIZES = {"q": (19,), "v": (18,), "com": (3,), "feet": (4, 3), "contacts": (4,)}
 """The parts of a state, in the order of a question."""
 NUMBERS = 60
-"""Numbers in a question."""
+"""The count of numbers in a question."""
 COLUMNS = 36
-"""Numbers in a row of an answer."""
+"""The count of numbers in a row of an answer."""
 _OF_A_PROCESS = ("_connection", "_process", "_turn")
-"""What of a `SocketPlan` belongs to one process."""
+"""The attributes of a `SocketPlan` that belong to one process."""
 MOST_TICKS = 10_000
 """[ms] No answer is longer; a plan's ticks beyond 100 are not used."""
 HEADER = struct.Struct("<I")
-"""What an answer begins with."""
+"""The beginning of an answer."""
 
 
 class PlanServerError(RuntimeError):
@@ -48,9 +48,9 @@ class PlanServerError(RuntimeError):
 class SocketPlan:
     """A plan function that asks a server.
 
-    Each process that uses it, a forked one too, opens a connection of its own with its first
-    question, so that `Workers` may have copies; threads take turns. It asks for the first gait
-    alone. Where robots walk several, let the plan function choose among servers:
+    Each process that uses it, even a forked one, opens its own connection with its first question,
+    so that `Workers` may have copies; threads take turns. It asks for the first gait only. If
+    robots walk several gaits, have the plan function choose among servers:
     ``plans[command.gait](state, tick, Command(*command))``.
 
     Args:
@@ -68,11 +68,11 @@ class SocketPlan:
         self._turn = threading.Lock()
 
     def __getstate__(self) -> dict[str, str | int | float | None]:
-        """What other processes get: all but the connection, and whose turn it is."""
+        """What other processes get: everything except the connection, the process and the lock."""
         return {name: value for name, value in vars(self).items() if name not in _OF_A_PROCESS}
 
     def __setstate__(self, state: dict[str, str | int | float | None]) -> None:
-        """Begin in another process, without a connection."""
+        """Start in another process, without a connection."""
         vars(self).update(state)
         self._connection = None
         self._process = os.getpid()
@@ -87,11 +87,11 @@ class SocketPlan:
             command: vx, vy [m/s], yaw rate [rad/s].
 
         Raises:
-            PlanServerError: There is no server, it is silent, or its answer is no plan.
-            ValueError: The command is of another gait than the first one.
+            PlanServerError: There is no server, it is silent, or its answer is not a plan.
+            ValueError: The command is for another gait than the first one.
         """
         asked = question(state, tick, command)
-        if self._process != os.getpid():  # after a fork both are of the other process
+        if self._process != os.getpid():  # after a fork both belong to the parent
             self._connection = None
             self._turn = threading.Lock()
             self._process = os.getpid()
@@ -113,12 +113,12 @@ class SocketPlan:
             _check_nothing_left(self._connection)
             self._connection.sendall(asked)
             return read_answer(self._connection)
-        except BaseException:  # Ctrl-C too: what follows is no beginning of the next answer
+        except BaseException:  # Ctrl-C too: the rest of this answer is not the next one
             self.close()
             raise
 
     def close(self) -> None:
-        """Close the connection, if there is one; the next question opens another one."""
+        """Close the connection, if there is one; the next question opens another."""
         if self._connection is not None:
             self._connection.close()
             self._connection = None
@@ -128,7 +128,7 @@ def question(state: State, tick: int, command: Command) -> bytes:
     """The bytes of a question.
 
     Raises:
-        ValueError: The command is of another gait than the first one, which a question cannot say.
+        ValueError: The command is for another gait than the first, which a question cannot name.
     """
     if command.gait != 0:
         raise ValueError(
@@ -166,8 +166,8 @@ def answer(plan: MotionPlan) -> bytes:
         plan: The plan, with at most `MOST_TICKS` rows.
 
     Raises:
-        ValueError: Its arrays are not ``(T, 12)`` numbers, or have too many rows.
-        TypeError: It is something else than a `MotionPlan`.
+        ValueError: The plan's arrays are not ``(T, 12)`` numbers, or have too many rows.
+        TypeError: The plan is not a `MotionPlan`.
     """
     rows, valid = plan_rows(plan)
     if not valid:
@@ -198,13 +198,13 @@ def read_answer(connection: socket.socket) -> MotionPlan:
 
 
 def _check_nothing_left(connection: socket.socket) -> None:
-    """Check that nothing came after the last answer, which would be taken for the next one.
+    """Check that nothing followed the last answer, as it would be taken for the next one.
 
     Raises:
         PlanServerError: Something did.
     """
     readable, _, _ = select.select([connection], [], [], 0)
-    if readable and connection.recv(1, socket.MSG_PEEK):  # nothing is there of a server that ended
+    if readable and connection.recv(1, socket.MSG_PEEK):  # empty if the server ended
         raise PlanServerError(
             "the last answer was longer than the number of ticks that it began with; each tick has "
             f"{COLUMNS} doubles: 12 joint positions, 12 joint velocities, 12 torques"
@@ -214,12 +214,13 @@ def _check_nothing_left(connection: socket.socket) -> None:
 def serve_plan(plan: PlanFunction, port: int = 0, host: str = "127.0.0.1") -> ThreadingTCPServer:
     """Make a server of a plan function; its ``serve_forever`` answers until its ``shutdown``.
 
-    Where the function fails, or returns no plan, the server prints why and closes the connection.
+    If the function fails, or does not return a plan, the server prints why and closes the
+    connection.
 
     Args:
         plan: The plan function, called from a thread for each connection.
         port: The port; 0 takes a free one, which is then ``server_address[1]``.
-        host: The address to listen at; the default can be reached from this machine only.
+        host: The address to listen on; the default can only be reached from this machine.
     """
 
     class Handler(BaseRequestHandler):
@@ -238,7 +239,7 @@ def _answer_all(connection: socket.socket, plan: Callable[..., MotionPlan]) -> N
     """Answer the questions of a connection until it is closed.
 
     Raises:
-        ValueError: What was planned is no plan; see `answer`.
+        ValueError: The function did not return a usable plan; see `answer`.
         TypeError: See `answer`.
     """
     while True:
@@ -250,10 +251,10 @@ def _answer_all(connection: socket.socket, plan: Callable[..., MotionPlan]) -> N
 
 
 def _receive(connection: socket.socket, size: int) -> bytes:
-    """Exactly this number of bytes.
+    """Receive exactly this number of bytes.
 
     Raises:
-        EOFError: The connection has been closed before.
+        EOFError: The connection was closed before that.
     """
     content = bytearray()
     while len(content) < size:

@@ -1,7 +1,7 @@
 """Contract tests that your own simulator, plan, gate or controller can inherit.
 
-Each contract is a class of test methods and one method that makes what is tested. A test class of
-your own inherits it, and runs under pytest and unittest alike; pytest alone needs no `TestCase`:
+Each contract is a class of test methods, plus methods for you to write that make what is tested.
+Your test class inherits it, and runs under both pytest and unittest; pytest needs no `TestCase`:
 
     import unittest
 
@@ -11,9 +11,9 @@ your own inherits it, and runs under pytest and unittest alike; pytest alone nee
         def make_simulator(self, batch):
             return MySimulator(solo12(), batch)
 
-The tests need numpy's assertions only. They check what the rest of the package relies on, such as
-rows of a batch that never touch each other; they do not check that your physics or your planner is
-a good one. Read `testing.simulator` next.
+The tests need only numpy's assertions. They check what the rest of the package relies on, such as
+rows of a batch that never affect each other; they do not check whether your physics or your planner
+is any good. Read `testing.simulator` next.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What every controller promises, a policy and an expert alike: torques row by row, resets, masks.
 
 The class turns the sentences of `surefoot.types.Controller` into tests. Whether the robot walks is
-not tested. Read `testing.states` next for the states that it tries.
+not tested. Read `testing.states` next for the states that it uses.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class ControllerContract:
         raise NotImplementedError("return the RobotModel that the controller drives")
 
     def make_moments(self) -> list[Moment]:
-        """Return successive ticks of six robots, from whose states the controller must drive.
+        """Return successive ticks of six robots, in states from which the controller must drive.
 
         By default the robots stand, and every second one falls over within 60 ticks.
         """
@@ -48,7 +48,7 @@ class ControllerContract:
         assert len(np.unique(driven[:, 0])) > 1, "all torques are the same"
 
     def test_nothing_has_diverged_after_a_reset(self) -> None:
-        """``diverged`` is ``(B,)`` True or False, and False for every robot after a reset."""
+        """``diverged`` holds ``(B,)`` booleans, and is False for every robot after a reset."""
         controller = self.make_controller()
         for batch in (3, 5):
             controller.reset(batch)
@@ -87,7 +87,7 @@ class ControllerContract:
         np.testing.assert_array_equal(_drive(self.make_controller(), broken, masks), expected)
 
     def test_a_robot_that_has_blown_up_does_not_touch_the_others(self) -> None:
-        """A row of bad numbers changes no other torque, and ends nothing for the others."""
+        """A row of bad numbers changes no other torque, and makes no other robot diverge."""
         moments = self.make_moments()
         masks = np.ones_like(_masks(moments))
         expected = _drive(self.make_controller(), moments, masks)
@@ -99,7 +99,7 @@ class ControllerContract:
         assert not controller.diverged[others].any(), "another robot has diverged"
 
     def test_arguments_are_not_changed(self) -> None:
-        """A controller only reads what it is shown."""
+        """A controller only reads its arguments."""
         controller = self.make_controller()
         moments = self.make_moments()
         controller.reset(len(moments[0].tick))
@@ -124,14 +124,14 @@ class ControllerContract:
 
 
 def _masks(moments: list[Moment]) -> BoolArray:
-    """Return ``(ticks, B)`` True where a robot is driven; each has on and off times of its own."""
+    """Return ``(ticks, B)`` True where a robot is driven; each goes on and off at its own times."""
     elapsed = np.arange(len(moments))[:, None]
     robot = np.arange(len(moments[0].tick))
     return (elapsed + 5 * robot) % 23 < 16
 
 
 def _drive(controller: Controller, moments: list[Moment], masks: BoolArray) -> Array:
-    """Return the torques ``(ticks, B, 12)`` after a reset, and 0 where a robot is not driven."""
+    """Return the torques ``(ticks, B, 12)`` after a reset, with 0 where a robot is not driven."""
     batch = len(moments[0].tick)
     controller.reset(batch)
     torques = np.zeros((len(moments), batch, 12))

@@ -1,7 +1,8 @@
-"""What the simulators' contract does with a simulator: it drives, varies, records and compares.
+"""How the simulator contract uses a simulator: it drives, varies, records and compares.
 
 The torques make robots stamp, so that contacts open, close and slide; a recording holds every bit
-that a rollout could see. Read `testing.simulator` next, which asserts with them.
+that a rollout could see. Read `testing.simulator` next, which makes its assertions with these
+functions.
 """
 
 from __future__ import annotations
@@ -91,7 +92,7 @@ def record_ticks(simulator: Simulator, ticks: int) -> Array:
     """Let the robots stamp, and return ``(ticks, B, 60)``, all that a rollout could see of them.
 
     Args:
-        simulator: The simulator; it goes on from where it is.
+        simulator: The simulator, which continues from its present state.
         ticks: The number of ticks to simulate.
     """
     rows = []
@@ -105,7 +106,7 @@ def record_ticks(simulator: Simulator, ticks: int) -> Array:
 
 
 def assert_same_rows(batch: Simulator, singles: Sequence[Simulator]) -> None:
-    """Assert that each robot of a batch has the state and forces of a simulator of its own.
+    """Assert that each robot of a batch has the same state and forces as when simulated alone.
 
     Args:
         batch: The simulator of B robots.
@@ -137,9 +138,9 @@ def assert_blows_up_alone(
 
     Args:
         reference: A simulator of five robots, none of which blows up.
-        simulator: Another one.
-        torque: What is added to a torque of that robot in tick 50 [N m].
-        angle: What is added to a joint angle of that robot at the reset [rad].
+        simulator: Another simulator of five robots, one of which blows up.
+        torque: Added to one torque of that robot in tick 50 [N m].
+        angle: Added to one joint angle of that robot at the reset [rad].
     """
     bad = 2
     others = np.arange(5) != bad

@@ -1,4 +1,4 @@
-"""What every gate promises: one answer a robot and tick, rows that never touch, resets that forget.
+"""What every gate promises: one answer per robot and tick, independent rows, resets that forget.
 
 The class turns the sentences of `surefoot.safety.gates.Gate` into tests. Whether the gate warns of
 falls in time is not tested. Read `testing.controller` next.
@@ -41,7 +41,7 @@ class GateContract:
         return falling_moments(self.make_robot(), BATCH, 60)
 
     def test_answers_are_one_flag_for_each_robot(self) -> None:
-        """``unsafe`` returns ``(B,)`` True or False, and both occur in the moments of this test."""
+        """``unsafe`` returns ``(B,)`` booleans; True and False both occur in these moments."""
         answers = self._answers(self.make_gate(), self.make_moments())
         assert answers.any(), "the gate calls nothing unsafe: give it other moments"
         assert not answers.all(), "the gate calls everything unsafe: give it other moments"
@@ -75,7 +75,7 @@ class GateContract:
         np.testing.assert_array_equal(answers[:, others], together[:, others])
 
     def test_arguments_are_not_changed(self) -> None:
-        """A gate only reads what it is shown."""
+        """A gate only reads its arguments."""
         gate = self.make_gate()
         moments = self.make_moments()
         gate.reset(len(moments[0].tick))

@@ -24,9 +24,9 @@ class PlanContract:
 
     Attributes:
         command: A command in the range that your planner is made for.
-        ticks: Gait clocks to plan at [ms]; takeovers happen at any tick, so they are not only those
-            of a grid.
-        gaits: The number of gaits that your planner walks, as `Command.gait` says.
+        ticks: Gait clocks to plan at [ms]; takeovers happen at any tick, so not all of these are on
+            a grid.
+        gaits: The number of gaits that your planner supports; `Command.gait` selects one.
     """
 
     command: Command = Command(0.2, 0.0, 0.1)
@@ -48,7 +48,7 @@ class PlanContract:
         raise NotImplementedError("return the RobotModel that you plan for")
 
     def make_states(self) -> list[State]:
-        """Return states of one robot each from which your plan function must find a plan.
+        """Return states, each of one robot, from which your plan function must find a plan.
 
         By default these are nearly standing robots.
         """
@@ -97,7 +97,7 @@ class PlanContract:
                 _assert_same_plans(plan(states[row], 133, self.command), expected[row])
 
     def test_a_resumed_run_knows_the_plan_again(self) -> None:
-        """A run is refused another MPC than it was begun with, and knows it by names and plans."""
+        """A run accepts only the MPC that it began with, which it recognizes by names and plans."""
         before = identity_of(self.make_plan(), self.make_robot(), self.gaits)
         now = identity_of(self.make_plan(), self.make_robot(), self.gaits)
         assert now.repeatable, "a plan that is asked again for the same state is another one"
@@ -116,7 +116,7 @@ class PlanContract:
         assert _differ(first, stopped), "two commands have the same plan"
 
     def test_arguments_are_not_changed(self) -> None:
-        """An expert gives read-only arrays; a state is the same after the plan."""
+        """An expert passes read-only arrays; planning does not change a state."""
         plan = self.make_plan()
         for state in self.make_states():
             before = copy_of(state)

@@ -1,7 +1,7 @@
-"""What every simulator promises: masks, rows that never touch, resets, pushes, variation, blow-ups.
+"""What every simulator promises: masks, independent rows, resets, pushes, variation, blow-ups.
 
 The class turns the sentences of `surefoot.sim.protocol.Simulator` into tests. It does not judge the
-physics: whether feet stick and robots fall as they should is your simulator's own matter.
+physics: whether feet stick and robots fall as they should is up to your simulator.
 Read `testing.plan` next.
 """
 
@@ -83,7 +83,7 @@ class SimulatorContract:
         np.testing.assert_allclose(simulator.state.v, v, rtol=0, atol=1e-12)
 
     def test_contacts_are_the_feet_that_carry_a_force(self) -> None:
-        """A foot is in contact exactly where it carries more than 0.5 N."""
+        """A foot is in contact exactly when it carries more than 0.5 N."""
         simulator = self.make_simulator(4)
         seen = np.zeros(2, dtype=bool)
         for tick in range(self.ticks):
@@ -94,7 +94,7 @@ class SimulatorContract:
         assert seen.all(), "the test needs feet in the air and on the ground"
 
     def test_only_a_robot_that_lies_touches_the_ground_with_its_body(self) -> None:
-        """The base of a robot on its back is on the ground; that of a standing robot never is."""
+        """A robot on its back touches the ground with its base; a standing robot never does."""
         simulator = self.make_simulator(3)
         robot = simulator.robot
         q = np.array([standing(robot), lying_on_its_back(robot), standing(robot)])
@@ -154,7 +154,7 @@ class SimulatorContract:
         assert not np.array_equal(before.v, after_reset.v), "the robots did not move"
 
     def test_robots_outside_the_mask_keep_every_bit(self) -> None:
-        """A step moves the robots in its mask only."""
+        """A step moves only the robots in its mask."""
         simulator = self.make_simulator(4)
         mask = np.array([True, False, True, False])
         for tick in range(20):
@@ -168,7 +168,7 @@ class SimulatorContract:
             assert moved.all(), "a robot in the mask did not move"
 
     def test_rows_of_a_batch_are_single_robots(self) -> None:
-        """A robot moves as it would alone, bit for bit, also beside robots that are not stepped."""
+        """A robot moves as it would alone, bit for bit, even while other robots are not stepped."""
         batch = self.make_simulator(6)
         robot = batch.robot
         q, v = thrown_states(batch)
@@ -187,7 +187,7 @@ class SimulatorContract:
                 singles[row].step(torque[row : row + 1])
 
     def test_an_episode_repeats_bit_for_bit_whatever_came_before(self) -> None:
-        """A reset forgets pushes, blow-ups, the clock and all else."""
+        """A reset forgets pushes, blow-ups, the clock and everything else."""
         fresh = self.make_simulator(4)
         q, v = thrown_states(fresh)
         fresh.reset(q, v)
@@ -202,7 +202,7 @@ class SimulatorContract:
         np.testing.assert_array_equal(record_ticks(used, self.ticks), first)
 
     def test_reset_of_some_robots_leaves_the_others_alone(self) -> None:
-        """A reset touches the rows of its mask only, and reads no others."""
+        """A reset reads and changes only the rows in its mask."""
         reference = self.make_simulator(3)
         simulator = self.make_simulator(3)
         robot = simulator.robot
@@ -242,7 +242,7 @@ class SimulatorContract:
             plain.step(np.zeros((3, 12)))
 
     def test_pushes_before_the_same_tick_add_up(self) -> None:
-        """Two pushes are one push of their sum; one impulse ``(3,)`` is meant for every robot."""
+        """Two pushes act as one push of their sum; a single impulse ``(3,)`` is for every robot."""
         plain = put_in_the_air(self.make_simulator(2))
         simulator = put_in_the_air(self.make_simulator(2))
         simulator.push(np.array([0.1, 0.0, 0.0]))
@@ -280,9 +280,9 @@ class SimulatorContract:
         assert_same_states(simulator.state, plain.state, "a push has survived a reset")
 
     def test_nominal_values_change_no_bit(self) -> None:
-        """With the nominal friction and a mass factor of 1 a robot moves as if it was never varied.
+        """At nominal friction and a mass factor of 1, a robot moves as if it was never varied.
 
-        This holds beside robots that are varied, and for a robot that was varied before.
+        This also holds next to robots that are varied, and for a robot that was varied before.
         """
         nominal = self.nominal_friction
         plain = record_ticks(self.make_simulator(4), self.ticks)
@@ -300,7 +300,7 @@ class SimulatorContract:
         np.testing.assert_array_equal(record_ticks(mixed, self.ticks), plain)
 
     def test_none_undoes_a_variation(self) -> None:
-        """A robot that was varied before, and is no more, has the bits of one that never was."""
+        """A robot that is no longer varied moves, bit for bit, like one that never was."""
         plain = record_ticks(self.make_simulator(2), self.ticks)
         simulator = self.make_simulator(2)
         vary_and_reset(simulator, None, None)
@@ -327,7 +327,7 @@ class SimulatorContract:
             batch.step(torque)
 
     def test_variation_holds_from_the_next_reset_on(self) -> None:
-        """A variation waits for a robot's next reset, and holds through every later one."""
+        """A variation takes effect at a robot's next reset, and lasts through every later one."""
         robot = self.make_simulator(1).robot
         q = np.tile(standing(robot), (2, 1))
         v = np.zeros((2, 18))
@@ -342,7 +342,7 @@ class SimulatorContract:
         never_varied = self.make_simulator(2)
         simulator = self.make_simulator(2)
         simulator.vary(friction, mass)
-        # It reads its arguments and does not keep them.
+        # `vary` reads its arguments and must not keep them.
         friction[:] = 0.9
         mass[:] = 0.9
         np.testing.assert_array_equal(record_ticks(simulator, self.ticks), plain, "not yet reset")
@@ -356,7 +356,7 @@ class SimulatorContract:
             np.testing.assert_array_equal(record_ticks(simulator, self.ticks), heavy)
 
     def test_unusable_variations_are_refused(self) -> None:
-        """Anything but B finite positive numbers is a ValueError, and nothing of it is used."""
+        """Anything but B finite positive numbers is a ValueError, and none of it takes effect."""
         plain = self.make_simulator(2)
         upright = np.tile(standing(plain.robot), (2, 1))
         expected = record_ticks(plain, 20)

@@ -1,7 +1,7 @@
-"""States to test with, made from a robot's model alone, and what compares states bit for bit.
+"""States to test with, made from a robot's model alone, and a comparison of states bit for bit.
 
 Every contract uses them: robots that stand, fall or fly, and robots that have blown up. Read
-`testing.driving` next for what the simulators' contract does with a simulator.
+`testing.driving` next for how the simulator contract uses a simulator.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class Moment(NamedTuple):
 def falling_moments(robot: RobotModel, batch: int, ticks: int, seed: int = 0) -> list[Moment]:
     """Return successive ticks of robots that stand at first; every second one then falls over.
 
-    The joints move a little in all of them, each robot has a command of its own, and the gait
-    clocks start at different ticks.
+    The joints of every robot move a little, each robot has its own command, and the gait clocks
+    start at different ticks.
 
     Args:
         robot: The robot.
@@ -48,7 +48,7 @@ def falling_moments(robot: RobotModel, batch: int, ticks: int, seed: int = 0) ->
     direction = rng.normal(size=(batch, 2))
     fall = np.zeros((batch, 18))
     fall[:, 3:5] = direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    fall[::2] *= 0.05  # [rad] in the end
+    fall[::2] *= 0.05  # [rad] at the end
     start = rng.integers(0, 500, batch)
     command = rng.uniform(-0.2, 0.2, (batch, 3))
     moments = []
@@ -107,7 +107,7 @@ def assert_same_states(actual: State, expected: State, message: str = "") -> Non
     Args:
         actual: The state that is tested.
         expected: What it must be.
-        message: What the test says if they differ.
+        message: How the failure begins if they differ.
     """
     for field in fields(State):
         np.testing.assert_array_equal(

@@ -1,5 +1,5 @@
-"""A simulated twin: MuJoCo behind the bridge of `surefoot.deploy`, in a process of its own.
+"""A simulated twin: MuJoCo behind the bridge of `surefoot.deploy`, in a separate process.
 
-It is driven as the robot would be, with noise, delay, loss, jitter and a payload where wanted. Read
+It is driven exactly like the robot, with noise, delay, loss, jitter and a payload if wanted. Read
 `driver` next, then `serve`.
 """

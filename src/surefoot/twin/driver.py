@@ -1,8 +1,8 @@
-"""A simulated robot as the driver of a bridge: motors with a PD of their own, and noisy sensors.
+"""A simulated robot as the driver of a bridge: motors with their own PD law, and noisy sensors.
 
-One written command is one tick of 1 ms. The motors see their joints exactly, and apply tau = torque
-+ kp (position - q) + kd (velocity - dq), clipped to the robot's limits; only what is sent has
-noise. Read `serve` next.
+Each command written takes one tick of 1 ms. The motors see their joints exactly, and apply tau =
+torque + kp (position - q) + kd (velocity - dq), clipped to the robot's limits; only what is sent
+has noise. Read `serve` next.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from surefoot.twin.pushes import RandomPushes
 from surefoot.types import GRAVITY, JOINTS, LEGS, TICK_NS, TICKS_PER_SECOND, Array
 
 BLOWN_UP = 1
-"""The bit of a simulation whose numbers have run away."""
+"""The fault bit of a simulation that has blown up."""
 SETTLING = 1500
-"""[ticks] Time after which a robot that lies has come to rest."""
+"""[ticks] Time after which a lying robot has come to rest."""
 MARGIN = 0.25
-"""[rad] A joint is folded no nearer to its limits: a robot that lies on its legs bends it further,
-and once more as it begins to stand."""
+"""[rad] A joint is folded no nearer to its limits than this: a robot that lies on its legs bends it
+further, and again as it begins to stand up."""
 FOLDED = (0.0, 1.25, 2.55)
-"""[rad] The joints of a leg of a robot that lies, in the directions of the nominal ones."""
+"""[rad] The joint angles of a leg of a lying robot, each with the sign that it has when nominal."""
 
 
 class TwinDriver:
@@ -41,7 +41,7 @@ class TwinDriver:
     Args:
         robot: The robot.
         config: Floor, payload, motors and sensors.
-        seed: The seed of the noise, which begins anew whenever the robot is set up.
+        seed: The seed of the noise, which starts over whenever the robot is set up.
 
     Attributes:
         time_ns: The robot's own clock, which moves with its ticks [ns].
@@ -68,16 +68,16 @@ class TwinDriver:
         self.set_up()
 
     def set_up(self) -> None:
-        """Put the robot where it began; it is held there until a first command with stiffness.
+        """Put the robot back where it began, and hold it until the first command with stiffness.
 
-        A gantry would hold it, or the friction of its joints.
+        It is held as a gantry, or the friction of its joints, would hold it.
         """
         self.place(self._begin, np.zeros(18))
         self._rng = np.random.default_rng(self._seed)
         self._held = True
 
     def place(self, q: Array, v: Array) -> None:
-        """Put the robot somewhere; commands that are under way are lost.
+        """Put the robot somewhere; commands under way are lost.
 
         Args:
             q: ``(19,)`` configuration [m, unit quaternion, rad].
@@ -87,10 +87,10 @@ class TwinDriver:
         self._under_way.clear()
         self._torque = np.zeros(len(JOINTS))
         self._velocity = self._world_velocity()
-        self._acceleration = rotation(q[3:7]).T @ (0.0, 0.0, GRAVITY)  # of what stands still
+        self._acceleration = rotation(q[3:7]).T @ (0.0, 0.0, GRAVITY)  # at rest
 
     def write(self, command: Sequence[float]) -> None:
-        """Take a command over, and let a tick pass; a robot that is held does not move."""
+        """Take a command, and let a tick pass; a robot that is held does not move."""
         self.time_ns += TICK_NS
         values = np.array(command, dtype=float).reshape(5, len(JOINTS))
         self._held = self._held and not values[2].any()
@@ -102,7 +102,7 @@ class TwinDriver:
         return self._step(self._under_way.popleft())
 
     def read(self) -> Measurement:
-        """What the sensors say."""
+        """What the sensors measure."""
         state = self.simulator.state
         q = state.q[0]
         v = state.v[0]
@@ -128,7 +128,7 @@ class TwinDriver:
             return
         state = self.simulator.state
         position, velocity, kp, kd, torque = command
-        # The order of the sums is that of the simulated policies and experts, to the bit.
+        # The terms are added in the order of the simulated policies and experts: the bits agree.
         tau = torque + kp * (position - state.q[0, 7:]) + kd * (velocity - state.v[0, 6:])
         self._torque = clip_torque(tau, self._robot.torque_limit)
         self.simulator.step(self._torque[None])
@@ -152,7 +152,7 @@ class TwinDriver:
         self.place(q, np.zeros(18))
         hold = np.zeros((5, len(JOINTS)))
         hold[0] = folded
-        hold[2] = 5.0 * self._robot.torque_limit  # 0.2 rad off take all of it
+        hold[2] = 5.0 * self._robot.torque_limit  # an error of 0.2 rad takes all of it
         hold[3] = damping_of(self._robot)
         for _ in range(SETTLING):
             self._step(hold)
@@ -166,13 +166,13 @@ class TwinDriver:
         return rotation(state.q[0, 3:7]) @ state.v[0, :3]
 
     def _noisy(self, values: Array, deviation: float) -> Sequence[float]:
-        """Values with noise."""
+        """Values with noise added."""
         if deviation == 0.0:
             return values.tolist()
         return (values + self._rng.normal(0.0, deviation, len(values))).tolist()
 
     def _turned(self, orientation: Array, deviation: float) -> Sequence[float]:
-        """A quaternion with a small random rotation."""
+        """A quaternion with a small random rotation applied."""
         if deviation == 0.0:
             return orientation.tolist()
         half = 0.5 * self._rng.normal(0.0, deviation, 3)
@@ -184,10 +184,10 @@ class TwinDriver:
 
 
 def damping_of(robot: RobotModel) -> float:
-    """The damping of the joints of a robot that is latched [N m s/rad].
+    """The joint damping of a latched robot [N m s/rad].
 
-    ODRI's driver has 0.2 for Solo12, and Unitree's examples 3 for robots of Go2's size: both are
-    about a fourteenth of the torque limit, per rad/s.
+    ODRI's driver uses 0.2 for Solo12, and Unitree's examples use 3 for robots of Go2's size: both
+    are about a fourteenth of the torque limit, per rad/s.
 
     Args:
         robot: The robot.
@@ -196,14 +196,14 @@ def damping_of(robot: RobotModel) -> float:
 
 
 def description_of(robot: RobotModel, config: TwinConfig) -> Description:
-    """What the bridge of a twin says of its robot.
+    """How the bridge of a twin describes its robot.
 
     Args:
-        robot: The robot; with a hardware profile, its limits and timeouts hold instead.
+        robot: The robot; the limits and timeouts of a hardware profile replace the others.
         config: The timeouts.
 
     Raises:
-        ValueError: The profile has another rate than policies have.
+        ValueError: The rate of the profile is not that of policies.
     """
     low, high = robot.position_limit.T
     description = Description(

@@ -1,6 +1,6 @@
-"""A way for datagrams that loses, delays and reorders them, by seeded draws.
+"""A channel that loses, delays and reorders datagrams, by seeded draws.
 
-The clock is an argument, so that a test needs no time. Read `serve` next.
+The clock is an argument, so that tests need not wait. Read `serve` next.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ _Waiting = tuple[int, int, bytes, Address]
 
 
 class DisturbedChannel:
-    """A channel both of whose directions are disturbed.
+    """A channel that is disturbed in both directions.
 
     Args:
         channel: The channel that carries the datagrams.
-        config: What happens to them.
+        config: What happens to the datagrams.
         clock: Gives the time [ns].
-        rng: Draws what is lost, and how late the others are.
+        rng: Draws which datagrams are lost, and how late the others are.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class DisturbedChannel:
         self._flush()
 
     def wait(self, seconds: float) -> None:
-        """See `Channel`; what is under way is not waited for."""
+        """See `Channel`; this does not wait for datagrams that are being delayed."""
         self._flush()
         self._channel.wait(seconds)
 
@@ -80,7 +80,7 @@ class DisturbedChannel:
         heapq.heappush(waiting, (due, next(self._numbers), data, other))
 
     def _flush(self) -> None:
-        """Send what is due."""
+        """Send the datagrams that are due."""
         while self._going and self._going[0][0] <= self._clock():
             _, _, data, to = heapq.heappop(self._going)
             self._channel.send(data, to)

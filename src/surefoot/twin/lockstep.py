@@ -1,4 +1,4 @@
-"""A bridge in lockstep: a simulated robot, whose time stands still until a command comes.
+"""A bridge in lockstep: a simulated robot whose time stands still until a command arrives.
 
 Read `serve` next, which uses it.
 """
@@ -11,7 +11,7 @@ from collections.abc import Callable
 from surefoot.deploy import protocol
 from surefoot.deploy.bridge import RELEASE, Bridge, Channel
 
-RESTING = 3000  # [ticks] a latched robot falls, before its time stands still again
+RESTING = 3000  # [ticks] for a latched robot to fall, before its time stands still again
 
 
 def serve_lockstep(
@@ -22,14 +22,14 @@ def serve_lockstep(
 ) -> None:
     """Tick once for each command, so that a simulated robot waits for the runtime.
 
-    Once the bridge is latched, time goes on until the robot has fallen. A runtime may take its
-    time, unless another one asks for the robot: then it is given up if it has been silent for
-    `RELEASE` by the wall clock.
+    Once the bridge is latched, time passes until the robot has fallen. A runtime may take its
+    time, unless another one asks for the robot: then the first one is dropped if it has been silent
+    for `RELEASE` by the wall clock.
 
     Args:
-        bridge: The bridge; its clock has to be the simulated one.
+        bridge: The bridge; its clock must be the simulated one.
         channel: The channel of the bridge.
-        running: Asked before every tick, and ten times a second; False ends it.
+        running: Asked before every tick, and ten times a second while waiting; False ends the loop.
         wall: Gives the time by the wall clock [s].
     """
     heard_at = wall()

@@ -1,7 +1,7 @@
-"""Pushes on a twin: at random times and in random directions, as in the episodes of a simulation.
+"""Pushes on a twin: at random times and in random directions, as in simulated episodes.
 
-A twin knows nothing of episodes. Its time is cut into spans, each with pushes of its own, which are
-drawn as those of an episode are. Read `driver` next.
+A twin has no episodes. Instead, its time is cut into spans, and the pushes of each span are drawn
+like those of an episode. Read `driver` next.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from surefoot.sim.protocol import Simulator
 from surefoot.types import TICKS_PER_SECOND
 
 SPAN = 5
-"""[s] `TwinConfig.pushes` is a number in this time, that of an episode of `surefoot learn`."""
+"""[s] `TwinConfig.pushes` counts pushes per this time, as in an episode of `surefoot learn`."""
 SPAN_TICKS = SPAN * TICKS_PER_SECOND
 ONE = np.ones(1, dtype=bool)
 
 
 class RandomPushes:
-    """Pushes one robot, on a clock that never begins anew: no two episodes have the same ones.
+    """Pushes one robot, on a clock that never restarts: no two episodes have the same pushes.
 
     Args:
         config: How many pushes there are, how strong they are, and the seed.
-        robot: The robot, for pushes of its own size.
+        robot: The robot, for pushes that suit its size.
 
     Attributes:
-        tick: The ticks until now in which pushes could act [ms].
+        tick: The ticks so far in which pushes could act [ms].
     """
 
     def __init__(self, config: TwinConfig, robot: RobotModel) -> None:
@@ -53,14 +53,14 @@ class RandomPushes:
         """
         number, elapsed = divmod(self.tick, SPAN_TICKS)
         self.tick += 1
-        # A push that begins late in a span goes on in the next one.
+        # A push that begins late in a span continues in the next one.
         for earlier in range(min(number, 1) + 1):
             pushes = self.span(number - earlier)
             if pushes is not None:
                 push(simulator, pushes, elapsed + earlier * SPAN_TICKS, ONE)
 
     def _draw(self, number: int) -> Pushes | None:
-        """The pushes of a span, with ticks since it began; None without any."""
+        """The pushes of a span, in ticks since it began; None if it has none."""
         return draw_disturbances(
             self._config, self._seed, np.array([number]), SPAN, friction=1.0
         ).pushes

@@ -1,8 +1,8 @@
-"""A twin as a process: robot, driver, bridge and channel put together, and its two ways of pacing.
+"""A twin as a process: robot, driver, bridge and channel put together, and two ways to pace it.
 
-Paced, a tick takes a millisecond of the wall clock; what the machine takes away in between is not
-made up, so that the robot's clock goes slower then, and its watchdog with it. In lockstep there is
-one tick for each command, and the same commands give the same motion, bit for bit.
+When paced, a tick takes a millisecond of the wall clock; time that the machine loses is not made
+up, so the robot's clock runs slower then, and its watchdog with it. In lockstep there is one tick
+for each command, and the same commands give the same motion, bit for bit.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from surefoot.twin.lockstep import serve_lockstep
 class TwinBridge(Bridge):
     """A bridge that sets its robot up again as soon as it grants a session after a fault.
 
-    The new runtime must not see the robot where the former one left it: it would begin there.
+    Otherwise the new runtime would see the robot where the former one left it, and begin there.
 
     Args:
         driver: The simulated robot.
@@ -60,11 +60,11 @@ class Twin:
     channel: Channel
 
     def serve(self, lockstep: bool = False, running: Callable[[], bool] = lambda: True) -> None:
-        """Serve a runtime until told otherwise; for the next one the robot is set up again.
+        """Serve runtimes until told to stop; the robot is set up again for each new one.
 
         Args:
             lockstep: Whether there is one tick for each command, instead of one each millisecond.
-            running: Asked before every tick; False ends it.
+            running: Asked before every tick; False ends the loop.
         """
         if lockstep:
             serve_lockstep(self.bridge, self.channel, running)
@@ -81,8 +81,8 @@ def make_twin(
 
     Args:
         robot: The robot, with a hardware profile or without.
-        config: How it differs from the one trained on; the defaults if it is None.
-        channel: Carries the datagrams; any free port of the loopback interface if it is None.
+        config: How the twin differs from the robot trained on; None for the defaults.
+        channel: Carries the datagrams; None for any free port of the loopback interface.
     """
     config = config or TwinConfig()
     noise, link = np.random.SeedSequence(config.seed).spawn(2)

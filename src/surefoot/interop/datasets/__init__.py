@@ -1,1 +1,1 @@
-"""Datasets of other tools: Minari, LeRobot, and the plain arrays of your own robot or expert."""
+"""Datasets of other tools: Minari, LeRobot, and plain arrays from your own robot or expert."""

@@ -2,10 +2,9 @@
 
 Such an expert log is an npz file with the arrays q, v, torque, command and tick, or a CSV file with
 a column for each of their numbers (q0 ... q18, v0 ... v17, torque0 ... torque11, vx, vy, yaw_rate,
-tick). The torques are what the expert gives in each state; the policy learns to answer with them.
-Center of mass and feet follow from the configuration. What is wrong with a log is found here,
-before any training: shapes, order of the quaternion, joints out of range, velocities in another
-frame.
+tick). The torques are the expert's answer in each state, which the policy learns to give. Center of
+mass and feet follow from the configuration. Mistakes in a log are found here, before any training:
+shapes, order of the quaternion, joints out of range, velocities in another frame.
 """
 
 from __future__ import annotations
@@ -31,34 +30,34 @@ from surefoot.rotations import rotation
 from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, IntArray
 
 SUFFIXES = (".npz", ".csv")
-"""The endings of logs."""
+"""The file name endings of logs."""
 REQUIRED = {"q": 19, "v": 18, "torque": 12, "command": 3, "tick": 0}
-"""The arrays that a log has, with the numbers in a row; 0 is a plain number."""
+"""The arrays that a log must have, with the count of numbers in a row; 0 is a plain number."""
 OPTIONAL = {"episode": 0, "outcome": 0, "contacts": 4, "expert_drove": 0, "applied": 12}
 """The arrays that a log may have."""
 GROUNDED = 0.005
-"""[m] A foot whose sphere is no higher above the ground is in contact, where the log has none."""
+"""[m] If a log has no contacts, a foot whose sphere is at most this high is in contact."""
 WINDOW = 10
-"""[ms] Velocities are compared with the motion over such a time."""
+"""[ms] Velocities are compared with the motion over this time."""
 UNIT = 1e-2
-"""A quaternion whose length differs from 1 by more is none; others are made unit quaternions."""
+"""A quaternion whose length differs from 1 by more than this is refused; others are normalized."""
 SPARE = 1.05
-"""Torques may exceed the motors' limits by this factor, for what sensors add."""
+"""Torques may exceed the motors' limits by this factor, because of sensor noise."""
 WHOLE_TURN = 2 * np.pi
-"""[rad] Joints without limits turn no farther to either side; degrees mostly do."""
+"""[rad] Joints without limits turn no farther than this either way; angles in degrees mostly do."""
 NEAR = 0.8
-"""[1] A name that is so similar to one of an optional array is taken for a misspelled one."""
+"""[1] A name this similar to that of an optional array is taken for a misspelling."""
 
 
 def read_expert_log(path: Path | str) -> dict[str, NDArray]:
-    """The arrays of a log with an expert's torques, by name; nothing in it is run.
+    """The arrays of a log with an expert's torques, by name; nothing in the file is executed.
 
     Args:
         path: An npz or CSV file.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: It is neither, or holds no such arrays.
+        ValueError: It is neither npz nor CSV, or does not hold such arrays.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -77,8 +76,8 @@ def _read_csv(path: Path) -> dict[str, NDArray]:
     """The arrays of a CSV file; columns with other names may hold anything.
 
     Raises:
-        ValueError: A column is missing or there twice, a row has another number of columns, or
-            something is no number.
+        ValueError: A column is missing or appears twice, a row has another number of columns, or
+            something is not a number.
     """
     numbers = array("d")
     with path.open(newline="", encoding="utf-8-sig") as file:
@@ -105,13 +104,13 @@ def _read_csv(path: Path) -> dict[str, NDArray]:
 
 
 def _columns(names: Sequence[str]) -> dict[str, list[str]]:
-    """The names of the columns of each array, of those that a CSV file has.
+    """The names of the columns of each array that a CSV file has.
 
     Args:
         names: The first line.
 
     Raises:
-        ValueError: One is missing, there twice, or looks misspelled.
+        ValueError: A column is missing, appears twice, or looks misspelled.
     """
     columns = {}
     for array_name, size in (REQUIRED | OPTIONAL).items():
@@ -135,7 +134,7 @@ def _columns(names: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _check_spelling(names: Iterable[str]) -> None:
-    """Check that no unknown name is nearly that of an optional array, which it would leave out.
+    """Check that no unknown name is close to that of an optional array, which would be left out.
 
     Raises:
         ValueError: One is.
@@ -147,7 +146,7 @@ def _check_spelling(names: Iterable[str]) -> None:
 
 
 def _with_bar(file: TextIO, path: Path) -> Iterator[str]:
-    """The lines of a file that are still to be read; a long one shows how much of it is read."""
+    """The lines of a file, one by one; a long file shows how much of it has been read."""
     size = path.stat().st_size
     with tqdm(total=size, desc=path.name, unit="B", unit_scale=True, leave=False) as bar:
         for line in file:
@@ -161,18 +160,18 @@ def frames_from_arrays(
     """Frames from plain arrays over n ticks of 1 ms, checked.
 
     Args:
-        arrays: By their names, beside any others: ``q (n, 19)``, ``v (n, 18)``, ``torque (n, 12)``,
+        arrays: By name, possibly among others: ``q (n, 19)``, ``v (n, 18)``, ``torque (n, 12)``,
             ``command (n, 3)`` or ``(3,)`` and ``tick (n,)``, in the conventions of
             `surefoot.types`; optionally ``episode (n,)`` (without it, a new one begins wherever the
             tick does not rise by one), ``outcome (n,)``, ``contacts (n, 4)``, ``expert_drove (n,)``
-            and ``applied (n, 12)``, the torque of whoever drove [N m] (without it, it is known
-            where the expert drove, and not a number elsewhere).
+            and ``applied (n, 12)``, the torque of whoever drove [N m] (without it, this is
+            ``torque`` where the expert drove, and NaN elsewhere).
         robot: The robot.
         first_episode: The id of the first episode.
 
     Raises:
-        ValueError: An array is missing, has another shape or numbers that cannot be, or its name
-            looks misspelled; the message says which row, and what it looks like.
+        ValueError: An array is missing, has another shape or impossible numbers, or its name looks
+            misspelled; the message says which row, and what it looks like.
     """
     given = _shaped(arrays)
     tick = _whole("tick", given["tick"])
@@ -216,7 +215,7 @@ def _shaped(arrays: Mapping[str, NDArray]) -> dict[str, NDArray]:
     """The arrays, all of the same number of rows; those with other names are left out.
 
     Raises:
-        ValueError: One is missing, looks misspelled, has another shape, or is not finite.
+        ValueError: An array is missing, looks misspelled, has another shape, or is not finite.
     """
     if missing := [name for name in REQUIRED if name not in arrays]:
         raise ValueError(
@@ -246,10 +245,10 @@ def _shaped(arrays: Mapping[str, NDArray]) -> dict[str, NDArray]:
 
 
 def _refuse(is_wrong: ArrayLike, name: str, why: str) -> None:
-    """Refuse rows.
+    """Refuse an array with wrong rows.
 
     Raises:
-        ValueError: A row is wrong; the message names the first.
+        ValueError: A row is wrong; the message names the first one.
     """
     wrong = np.asarray(is_wrong)
     if wrong.any():
@@ -257,7 +256,7 @@ def _refuse(is_wrong: ArrayLike, name: str, why: str) -> None:
 
 
 def _clipped(name: str, torque: NDArray, robot: RobotModel) -> Array:
-    """Torques within the motors' limits, which sensors may exceed a little.
+    """Torques clipped to the motors' limits, which measured ones may exceed a little.
 
     Raises:
         ValueError: A torque exceeds them by more.
@@ -283,7 +282,7 @@ def _episodes(given: Mapping[str, NDArray], tick: IntArray) -> IntArray:
     """``(n,)`` number of the episode of each row, from 0 on.
 
     Raises:
-        ValueError: The ticks of an episode do not rise by one, or it comes back after another.
+        ValueError: The ticks of an episode do not rise by one, or it resumes after another one.
     """
     if "episode" not in given:
         jumps = np.diff(tick) != 1
@@ -319,10 +318,10 @@ def _elapsed(number: IntArray) -> NDArray[np.int32]:
 
 
 def _check_posture(q: Array, robot: RobotModel) -> None:
-    """Check that the robot is mostly upright, and its joints within their limits.
+    """Check that the robot is mostly upright, and that its joints are within their limits.
 
     Raises:
-        ValueError: It is not; the message says what the log may have in another order.
+        ValueError: It is not; the message says which numbers may be in another order.
     """
     if np.median(rotation(q[:, 3:7])[:, 2, 2]) < 0.0:
         raise ValueError(
@@ -342,14 +341,14 @@ def _check_posture(q: Array, robot: RobotModel) -> None:
 
 
 def _check_motion(q: Array, v: Array, tick: IntArray, episode: IntArray) -> None:
-    """Check that velocities are those of the motion, in the base frame.
+    """Check that velocities match the motion, in the base frame.
 
-    Over `WINDOW` ticks, the mean velocity must be what leads from one configuration to the next,
-    but for 0.3 of its usual size and some noise. Where x and y are not measured (all the same), the
+    Over `WINDOW` ticks, the mean velocity must lead from one configuration to the next, except for
+    0.3 of its usual size and some noise. If x and y were not measured (are all the same), the
     base's linear velocity is not checked.
 
     Raises:
-        ValueError: They are not; the message names the part.
+        ValueError: They do not match; the message names the part.
     """
     same = (episode[WINDOW:] == episode[:-WINDOW]) if len(q) > WINDOW else np.zeros(0, bool)
     begins = np.flatnonzero(same)

@@ -1,9 +1,9 @@
 """Export in the layout of LeRobotDataset v3.0, written with pyarrow alone.
 
-The folder data holds the frames, many episodes a Parquet file; meta holds info.json, the episodes
-with their statistics, the tasks and the statistics of all frames. The observation and the action
-are those of this package's policies (47 numbers, twelve joint targets); further columns hold what
-was measured, and who drove.
+The folder data holds the frames, with many episodes in each Parquet file; meta holds info.json, the
+episodes with their statistics, the tasks and the statistics of all frames. The observation and the
+action are those of this package's policies (47 numbers, twelve joint targets); further columns hold
+what was measured, and who drove.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND
 VERSION = "v3.0"
 """The version of the layout."""
 FRAMES_PER_FILE = 100_000
-"""Number of frames at which a Parquet file ends with the episode, at about 60 MB."""
+"""A Parquet file ends with the episode that reaches this number of frames, about 60 MB."""
 FILES_PER_CHUNK = 1000
-"""Files in a folder."""
+"""Number of files in a folder."""
 QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)
 """The quantiles among the statistics."""
 TASK = "Walk at the commanded velocity."
@@ -107,14 +107,14 @@ OWN = {
 }
 """The columns that every LeRobot dataset has."""
 Row = dict[str, Plain]
-"""A row of a table, or what JSON can hold, by name."""
+"""A row of a table, or a JSON object, by name."""
 Columns = dict[str, NDArray]
 """Columns of an episode or a file, by name."""
 
 
 @dataclass
 class _Written:
-    """What is written so far: rows of the table of episodes, and where the next frame goes."""
+    """The state of an export: rows of the table of episodes, and where the next frame goes."""
 
     episodes: list[Row] = field(default_factory=list)
     frames: int = 0
@@ -124,7 +124,7 @@ class _Written:
 
 
 def check_lerobot(folder: Path | str) -> None:
-    """Check that `export_lerobot` could write, before any work.
+    """Check, before any work, that `export_lerobot` could write.
 
     Args:
         folder: The new folder.
@@ -146,7 +146,7 @@ def export_lerobot(
         dataset: The dataset, such as ``Run.dataset``.
         config: The configuration that it was collected with, such as ``Run.config``.
         folder: The new folder.
-        recorded: Where the frames were recorded, for its card.
+        recorded: Where the frames were recorded, for the dataset card.
 
     Raises:
         ImportError: pyarrow or pandas is missing.
@@ -184,7 +184,7 @@ def export_lerobot(
 
 
 def import_pyarrow() -> None:
-    """Check that pyarrow and pandas are there.
+    """Check that pyarrow and pandas are installed.
 
     Raises:
         ImportError: One is missing; the message says how to install it.
@@ -246,7 +246,7 @@ def _episode_row(columns: Columns, written: _Written) -> Row:
 
 
 def _statistics(values: NDArray) -> dict[str, list[float] | list[int]]:
-    """The statistics of a column, one number for each of its numbers."""
+    """The statistics of a column, separately for each number in a row."""
     table = values.reshape(len(values), -1).astype(np.float64)
     result: dict[str, list[float] | list[int]] = {
         "min": table.min(axis=0).tolist(),
@@ -261,9 +261,9 @@ def _statistics(values: NDArray) -> dict[str, list[float] | list[int]]:
 
 
 def _statistics_of_all(episodes: list[Row]) -> dict[str, dict[str, list[float]]]:
-    """The statistics of all frames from those of the episodes; quantiles are their means.
+    """The statistics of all frames from those of the episodes; quantiles are averaged.
 
-    LeRobot joins statistics in the same way, so that no file has to be read twice.
+    LeRobot combines statistics in the same way, so that no file has to be read twice.
     """
     count = np.array([row["length"] for row in episodes], float)
     share = (count / count.sum())[:, None]
@@ -308,7 +308,7 @@ def _write_data(whole: Path, written: _Written) -> None:
 
 
 def _write_meta(whole: Path, written: _Written, robot: str) -> None:
-    """Write what is known of all frames."""
+    """Write the metadata of all frames."""
     import pandas as pd
     import pyarrow as pa
 

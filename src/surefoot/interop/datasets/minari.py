@@ -2,7 +2,7 @@
 
 An episode of n frames becomes n observations and n - 1 transitions of the environment at 1000 Hz
 (`gym.env`). An action is the expert's answer, in the environment's unit; where `expert_drove` is
-False, another one was applied. Rewards are the environment's, under the expert's torque.
+False, another action was applied. Rewards are those of the environment for the expert's torque.
 """
 
 from __future__ import annotations
@@ -43,9 +43,9 @@ from surefoot.types import TICKS_PER_SECOND
 TASK = WalkingTask(rate=TICKS_PER_SECOND)
 """The task whose actions and rewards are written."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*-v\d+")
-"""What a dataset may be called; a namespace before it would be a folder of its own."""
+"""The allowed names of a dataset; a namespace before the name would be another folder."""
 FRAME_BYTES = 400
-"""[B] What a frame takes on disk (measured)."""
+"""[B] Space that a frame takes on disk (measured)."""
 ROOT_VARIABLE = "MINARI_DATASETS_PATH"
 """The environment variable that tells Minari where datasets are."""
 COLUMNS = {
@@ -76,13 +76,13 @@ def export_minari(
         dataset: The dataset, such as ``Run.dataset``.
         config: The configuration that it was collected with, such as ``Run.config``.
         root: A folder of Minari datasets.
-        name: The id of the new one; without it, ``ROBOT-METHOD-v0``.
-        recorded: Where the frames were recorded, for its card.
+        name: The id of the new dataset; None for ``ROBOT-METHOD-v0``.
+        recorded: Where the frames were recorded, for the dataset card.
 
     Raises:
         ImportError: Gymnasium or Minari is missing.
-        ValueError: There is such a dataset already, its name is none of Minari's, or no two frames
-            follow each other.
+        ValueError: The dataset exists already, its name is not allowed, or no two frames follow
+            each other.
         DatasetError: A shard is damaged.
         WriteError: The disk is full, or read-only.
     """
@@ -91,7 +91,7 @@ def export_minari(
     register_environments()
     robot = load_robot(config.robot)
     own = f"{robot.name}-{method_name(config).replace('_', '-')}-v0"
-    name = name or own.replace(".", "-")  # a robot's name may have a point, a dataset's not
+    name = name or own.replace(".", "-")  # a robot's name may have a dot, a dataset's may not
     if not NAME.fullmatch(name):
         raise ValueError(
             f"the dataset's name {name!r}; use letters, digits, _ and -, and end it with -v and a "
@@ -99,7 +99,7 @@ def export_minari(
         )
     folder = Path(root) / name
     environment = copy.deepcopy(gymnasium.spec(environment_of(robot.spec)))
-    # Heights are above the felt ground, so that the frames are those of a level one.
+    # Heights are above the ground that the feet felt, so the frames look like level ground.
     level = replace(config, simulation=replace(config.simulation, terrain=None))
     environment.kwargs |= {"config": to_json(level), "rate": TASK.rate}
     spec = task_spec(config)
@@ -112,7 +112,7 @@ def export_minari(
             written["frames"] += len(frames)
 
     with new_folder(folder, FRAME_BYTES * dataset.frames) as whole:
-        whole.rmdir()  # Minari makes it itself
+        whole.rmdir()  # Minari makes the folder itself
         with _minari_root(whole.parent):
             minari.create_dataset_from_buffers(
                 whole.name,
@@ -156,9 +156,9 @@ def import_minari() -> ModuleType:
 
 @contextmanager
 def _minari_root(root: Path) -> Iterator[None]:
-    """A context in which Minari writes into a folder; it only knows an environment variable.
+    """A context in which Minari writes into a folder, which only an environment variable can set.
 
-    It joins paths to that several times, so that only an absolute one is right.
+    Minari joins paths to the variable several times, so only an absolute path works.
     """
     before = os.environ.get(ROOT_VARIABLE)
     os.environ[ROOT_VARIABLE] = str(root.absolute())
@@ -182,7 +182,7 @@ def _episode(
     after = frames.state[1:]
     velocity = heading_velocity(after.rotation, after.v)
     reward = reward_rate(TASK, velocity, frames.command[1:], effort[:-1]) / TASK.rate
-    # The frame after the last one is not recorded, so no fall is seen.
+    # The frame after the last one is not recorded, so no fall can be seen.
     last = np.arange(steps) == steps - 1
     return minari.data_collector.EpisodeBuffer(
         id=number,

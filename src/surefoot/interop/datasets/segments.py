@@ -1,8 +1,8 @@
-"""What all exports share: stretches of frames without a gap, a folder that is whole or not there.
+"""What all exports share: stretches of frames without a gap, and a folder that is whole or absent.
 
-Methods keep a part of an episode's frames, so that a dataset has gaps. Formats of other tools have
-none: each stretch of consecutive ticks becomes an episode there, which knows the episode that it is
-from. Read `minari` and `lerobot` next.
+Methods keep only some of an episode's frames, so a dataset has gaps. The formats of other tools
+have none: each stretch of consecutive ticks becomes an episode there, which records the id of the
+episode that it comes from. Read `minari` and `lerobot` next.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from surefoot.learning.frames import Frames
 SIMULATED = "in simulation"
 """Where the frames of a run were recorded, for the dataset card."""
 ON_ROBOT = "on a robot, and in simulation before,"
-"""The same of a run that has learned on a robot."""
+"""The same for a run that has learned on a robot."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,11 @@ class Exported:
 
 
 def segments(dataset: Dataset, shortest: int = 1) -> Iterator[Frames]:
-    """The stretches of consecutive ticks of a dataset, one shard in memory at a time.
+    """The stretches of consecutive ticks of a dataset, with one shard in memory at a time.
 
     Args:
         dataset: The dataset.
-        shortest: Shorter stretches are left out [ticks].
+        shortest: Stretches shorter than this are left out [ticks].
 
     Raises:
         DatasetError: A shard is damaged.
@@ -66,13 +66,13 @@ def segments(dataset: Dataset, shortest: int = 1) -> Iterator[Frames]:
 
 
 def check_new(folder: Path) -> None:
-    """Check that an export may have a folder, before any work.
+    """Check, before any work, that an export may use a folder.
 
     Args:
         folder: The folder.
 
     Raises:
-        ValueError: It exists.
+        ValueError: The folder exists.
     """
     if folder.exists():
         raise ValueError(f"{folder} exists; an export never changes a folder: name a new one")
@@ -80,15 +80,15 @@ def check_new(folder: Path) -> None:
 
 @contextmanager
 def new_folder(folder: Path, needs: int = 0) -> Iterator[Path]:
-    """A folder to write into, which gets its name when all is written.
+    """A folder to write into, which gets its name once everything is written.
 
     Args:
-        folder: The name, which must not exist.
-        needs: How much will be written [B], where that has to be known before: the library HDF5
-            crashes where a disk is full.
+        folder: The path, which must not exist.
+        needs: How much will be written [B], if the space must be checked first: the HDF5 library
+            crashes on a full disk.
 
     Raises:
-        ValueError: It exists.
+        ValueError: The path exists.
         WriteError: The disk is full, or read-only.
     """
     check_new(folder)

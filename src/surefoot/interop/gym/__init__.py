@@ -1,1 +1,1 @@
-"""Gymnasium environments, single or in lockstep, and what Stable-Baselines3 wants of them."""
+"""Gymnasium environments, single or in lockstep, and an adapter for Stable-Baselines3."""

@@ -1,9 +1,9 @@
 """Gymnasium environments: `WalkingEnv` is one robot, `WalkingVectorEnv` many in lockstep.
 
 The observation is what a policy of this package sees (47 numbers, `learning.observation`); the
-action is twelve joint targets, as shares of ``action_range`` [rad] from the nominal pose; reward
-and ends of episodes are in `task`. Robot i of a vector environment that is seeded with s is the
-environment that is seeded with s + i. Read `ids` for their names.
+action is twelve joint targets, as fractions of ``action_range`` [rad] from the nominal pose; `task`
+defines the reward and the end of an episode. Robot i of a vector environment seeded with s equals
+a single environment seeded with s + i. Read `ids` for the names of the environments.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def _walkers(
     """The robots of an environment.
 
     Raises:
-        ValueError: There is no such robot, or the configuration is of another one.
+        ValueError: There is no such robot, or the configuration is for another one.
     """
     if config is not None and not isinstance(config, Config):
         config = from_json(Config, config)
@@ -78,11 +78,11 @@ class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
     """One robot that follows a velocity command.
 
     Args:
-        robot: The name of a robot of the package, or a file with a `RobotSpec`; None is that of the
-            configuration, and without one Solo12.
-        config: Robot, gait, commands, simulator, gains and bounds, also as JSON gives them; None
-            is the default configuration of ``robot``.
-        render_mode: None; `surefoot play` and `surefoot walk` draw robots.
+        robot: The name of a robot of the package, or a file with a `RobotSpec`; None for the robot
+            of the configuration, or Solo12 if that is None too.
+        config: Robot, gait, commands, simulator, gains and bounds, or the same as JSON holds them;
+            None for the default configuration of ``robot``.
+        render_mode: Always None; `surefoot play` and `surefoot walk` draw robots.
         options: The fields of `WalkingTask`: rate, duration, begin, expert and the rest.
 
     Attributes:
@@ -90,7 +90,7 @@ class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
 
     Raises:
         ValueError: An option is unknown or out of range, there is no such robot, or the
-            configuration is of another one.
+            configuration is for another one.
     """
 
     metadata: Info = {"render_modes": []}  # noqa: RUF012
@@ -115,17 +115,17 @@ class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
 
         Args:
             seed: Fixes this episode and all that follow.
-            options: Nothing.
+            options: Not used.
         """
         super().reset(seed=seed)
         self.walkers.begin(self._everyone, [self.np_random])
         return self.walkers.observation[0], self._info(np.zeros(3))
 
     def step(self, action: Float32Array) -> tuple[Float32Array, float, bool, bool, Info]:
-        """Carry out one decision; see `task` for reward and ends.
+        """Carry out one decision; see `task` for the reward and the end of an episode.
 
         Args:
-            action: ``(12,)`` targets as shares of ``action_range`` from the nominal pose.
+            action: ``(12,)`` targets as fractions of ``action_range`` from the nominal pose.
         """
         decided = self.walkers.decide(np.asarray(action)[None], self._everyone)
         return (
@@ -145,15 +145,15 @@ class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
 
 
 class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Array]):
-    """Robots that follow velocity commands, in lockstep: nothing but the simulator loops over them.
+    """Robots that follow velocity commands in lockstep: only the simulator loops over them.
 
     Args:
         num_envs: The number of robots.
         robot: See `WalkingEnv`.
         config: See `WalkingEnv`.
-        autoreset_mode: What happens to robots whose episodes are over: the next step begins new
-            ones (Gymnasium's default), the same step does (final observations are then in the
-            infos), or nothing does until ``reset(options={"reset_mask": rows})``.
+        autoreset_mode: When robots whose episodes are over begin new ones: in the next step
+            (Gymnasium's default), in the same step (final observations are then in the infos), or
+            not until ``reset(options={"reset_mask": rows})``.
         options: The fields of `WalkingTask`.
 
     Attributes:
@@ -161,7 +161,7 @@ class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Ar
 
     Raises:
         ValueError: An option is unknown or out of range, there is no such robot, or the
-            configuration is of another one.
+            configuration is for another one.
     """
 
     def __init__(
@@ -189,9 +189,9 @@ class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Ar
         """Begin an episode of every robot.
 
         Args:
-            seed: Fixes these episodes and all that follow of the robots that begin; robot i has
-                ``seed + i``, or the i-th of a list.
-            options: ``reset_mask`` ``(num_envs,)`` begins with some of the robots only.
+            seed: Fixes these episodes, and all later ones of the same robots; robot i gets
+                ``seed + i``, or the i-th seed of a list.
+            options: ``reset_mask`` ``(num_envs,)`` selects the robots that begin an episode.
         """
         rows = np.ones(self.num_envs, bool)
         if options and "reset_mask" in options:
@@ -219,7 +219,8 @@ class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Ar
         """Carry out one decision of every robot whose episode is not over.
 
         Args:
-            actions: ``(num_envs, 12)`` targets as shares of ``action_range`` from the nominal pose.
+            actions: ``(num_envs, 12)`` targets as fractions of ``action_range`` from the nominal
+                pose.
         """
         over = self._over
         decided = self.walkers.decide(actions, ~over)
@@ -236,7 +237,7 @@ class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Ar
         return self.walkers.observation, decided.reward, *ends, infos
 
     def _begin_again(self, decided: Decided, infos: Info) -> Info:
-        """Begin new episodes of the robots whose episodes are over; the infos of old and new."""
+        """Begin new episodes where they are over; return the infos of old and new ones."""
         rows = self._over
         final = np.full(self.num_envs, None, dtype=object)
         seen = self.walkers.observation

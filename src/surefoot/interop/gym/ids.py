@@ -1,6 +1,6 @@
-"""The names of the Gymnasium environments: `register_environments` tells Gymnasium of them.
+"""The names of the Gymnasium environments, which `register_environments` makes known to Gymnasium.
 
-Gymnasium has no plug-ins, so that every program that uses the environments calls it once.
+Gymnasium has no plug-ins, so every program that uses the environments calls it once.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ from surefoot.config.robot_table import ROBOTS
 from surefoot.config.robots import RobotSpec
 
 NAMESPACE = "surefoot"
-"""What the names of all environments begin with."""
+"""The prefix of the names of all environments."""
 ENVIRONMENTS: Mapping[str, Mapping[str, str]] = {
     f"{NAMESPACE}/Solo12-v0": {"robot": "solo12"},
     f"{NAMESPACE}/Go2-v0": {"robot": "go2"},
     f"{NAMESPACE}/Quadruped-v0": {},
 }
-"""The environments, with their arguments; the last one has Solo12 unless `robot` is given."""
+"""The environments with their arguments; the last one has Solo12 unless `robot` is given."""
 
 
 def register_environments() -> None:
     """Register the environments with Gymnasium; a second call changes nothing.
 
-    After it, ``gym.make("surefoot/Solo12-v0")`` makes one robot, and ``gym.make_vec`` many in
-    lockstep.
+    Afterwards ``gym.make("surefoot/Solo12-v0")`` makes one robot, and ``gym.make_vec`` makes many
+    in lockstep.
 
     Raises:
         ImportError: Gymnasium is missing.
@@ -60,7 +60,8 @@ def environment_of(robot: RobotSpec) -> str:
     """The name of the environment of a robot.
 
     Args:
-        robot: The robot; one of somebody's own may have the name of another.
+        robot: The robot, compared by its whole description: a user's robot may have the name of
+            one of the package.
     """
     for name, arguments in ENVIRONMENTS.items():
         if "robot" in arguments and ROBOTS[arguments["robot"]] == robot:

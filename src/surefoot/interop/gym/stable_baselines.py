@@ -1,7 +1,7 @@
-"""The vector environment as Stable-Baselines3 wants it: `LockstepVecEnv`.
+"""The vector environment in the form that Stable-Baselines3 expects: `LockstepVecEnv`.
 
-Stable-Baselines3 would make a process or a simulator for each robot; here its algorithms get the
-lockstep batch. Read `env` first; `examples/train_ppo.py` trains PPO on it.
+Stable-Baselines3 would make a process or a simulator for each robot; here its algorithms get one
+batch in lockstep. Read `env` first; `examples/train_ppo.py` trains PPO on `LockstepVecEnv`.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from surefoot.interop.gym.env import Info, WalkingVectorEnv
 from surefoot.learning.observation import Float32Array
 
 INFOS = ("velocity", "expert_action")
-"""What the infos of `WalkingEnv` hold, and so those of each robot."""
+"""The keys of the infos of `WalkingEnv`, and so of each robot here."""
 
 
 class LockstepVecEnv(VecEnv):
     """Robots in lockstep, for the algorithms of Stable-Baselines3.
 
     The infos of a robot are those of `WalkingEnv`: its mean velocity, and the expert's action with
-    ``expert=True``. Where an episode is over they are the last ones of that episode, and
+    ``expert=True``. When an episode is over, they are the last ones of that episode, and
     ``reset_infos`` has the first ones of the next.
 
     Args:
@@ -45,7 +45,7 @@ class LockstepVecEnv(VecEnv):
         self._next_seed: int | None = None
 
     def seed(self, seed: int | None = None) -> list[int | None]:
-        """Fix the next reset, and all that follows: robot i has ``seed + i``."""
+        """Seed the next reset, and everything after it: robot i gets ``seed + i``."""
         self._next_seed = seed
         return [None if seed is None else seed + n for n in range(self.num_envs)]
 
@@ -61,7 +61,7 @@ class LockstepVecEnv(VecEnv):
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, ...]:
-        """Carry out one decision; robots whose episodes end begin new ones at once."""
+        """Carry out one decision; robots whose episodes end begin new ones immediately."""
         seen, reward, terminated, truncated, infos = self.robots.step(self._actions)
         each = [_infos_of(infos, row) for row in range(self.num_envs)]
         done = terminated | truncated
@@ -76,7 +76,7 @@ class LockstepVecEnv(VecEnv):
         """There is nothing to close."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """The same attribute for each of some robots."""
+        """The same attribute, once for each of these robots."""
         return [getattr(self.robots, attr_name)] * len(self._rows(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
@@ -98,11 +98,11 @@ class LockstepVecEnv(VecEnv):
         raise NotImplementedError("robots in lockstep have no methods of their own")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """False for each of some robots."""
+        """False for each of these robots."""
         return [False] * len(self._rows(indices))
 
     def _rows(self, indices: Any) -> Sequence[int]:
-        """The rows of some robots; None is all of them."""
+        """The rows of some robots; None for all of them."""
         return list(self._get_indices(indices))
 
 

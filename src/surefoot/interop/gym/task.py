@@ -1,14 +1,15 @@
 """The task of the Gymnasium environments: robots in lockstep follow commands at a decision rate.
 
-A decision is twelve joint targets, which the policy's PD law holds for some ticks of 1 ms. The
+A decision is twelve joint targets, which the policy's PD law tracks for some ticks of 1 ms. The
 reward of a decision that takes dt seconds is ::
 
     dt (tracking exp(-|v - v_cmd|^2 / s_v^2) + turning exp(-(w - w_cmd)^2 / s_w^2)
         + alive - effort mean((tau / tau_max)^2))
 
-with velocities in the heading frame and torques averaged over its ticks, so that the return of an
-episode is about the same at every rate. The episode terminates with a fall, by the package's own
-rule (`SafetyConfig`), and is truncated after its duration. Read `env` next.
+where velocities are in the heading frame, and velocities and squared torques are averages over the
+ticks, so that the return of an episode is about the same at every rate. An episode terminates when
+the robot falls, by the package's own rule (`SafetyConfig`), and is truncated after its duration.
+Read `env` next.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ Begin = Literal["standing", "nominal", "train", "select", "test"]
 Weight = Annotated[float, Within(0.0, 1000.0)]
 """The weight of a term of the reward [1/s]."""
 MOST_SEEN = 1000.0
-"""No number of an observation is larger; those of a walking robot stay below 50."""
+"""No number in an observation is larger than this; those of a walking robot stay below 50."""
 
 
 @dataclass(frozen=True)
@@ -93,12 +94,12 @@ def walking_config(robot: str | None = None, config: Config | None = None) -> Co
     """The configuration of an environment, with the robot's own values in place of None.
 
     Args:
-        robot: The name of a robot of the package, or a file with a `RobotSpec`; None is that of the
-            configuration.
-        config: A configuration of that robot; None is the default one.
+        robot: The name of a robot of the package, or a file with a `RobotSpec`; None for the robot
+            of the configuration.
+        config: A configuration for that robot; None for the default one.
 
     Raises:
-        ValueError: There is no such robot, the configuration is of another one, or it has several
+        ValueError: There is no such robot, or the configuration is for another one or has several
             gaits.
     """
     named = Config() if robot is None else Config(robot=RobotConfig(model=robot))
@@ -113,18 +114,18 @@ def walking_config(robot: str | None = None, config: Config | None = None) -> Co
 
 
 def task_spec(config: Config) -> PolicySpec:
-    """What environments and exported data show: the full state, whatever the policies see."""
+    """The observation of environments and exported data: the full state, whatever policies see."""
     return replace(policy_spec(config), observation=state_spec(config))
 
 
 @dataclass(frozen=True)
 class Decided:
-    """What came of one decision of B robots; rows that did not move hold zeros.
+    """The result of one decision of B robots; rows that did not move hold zeros.
 
     Attributes:
         reward: ``(B,)`` the reward.
         terminated: ``(B,)`` True where the robot fell.
-        truncated: ``(B,)`` True where the time of the episode is over.
+        truncated: ``(B,)`` True where the time of the episode is up.
         velocity: ``(B, 3)`` mean vx, vy [m/s] and yaw rate [rad/s] in the heading frame.
     """
 
@@ -135,9 +136,9 @@ class Decided:
 
 
 class Walkers:
-    """B robots that follow commands, each in an episode of its own.
+    """B robots that follow commands, each in its own episode.
 
-    A robot's episode depends on its own generator and actions alone, not on the other robots.
+    A robot's episode depends only on its own generator and actions, not on the other robots.
 
     Args:
         config: Robot, gait, commands, simulator, gains and bounds, from `walking_config`.
@@ -151,8 +152,8 @@ class Walkers:
         tick: ``(B,)`` gait clock [ms].
 
     Raises:
-        ValueError: There is no robot, the stored initial states are of another robot or gait, the
-            configuration has a terrain, or the expert is asked for and does not walk in this gait.
+        ValueError: There is no such robot, the stored initial states are for another robot or gait,
+            the configuration has a terrain, or the expert is needed but does not walk in this gait.
     """
 
     def __init__(self, config: Config, task: WalkingTask, batch: int) -> None:
@@ -188,8 +189,8 @@ class Walkers:
         """Begin new episodes.
 
         Args:
-            rows: ``(B,)`` True for the robots to begin with.
-            generators: B sources of randomness, one for each robot.
+            rows: ``(B,)`` True for the robots that begin an episode.
+            generators: B random generators, one for each robot.
         """
         q = np.zeros((self.batch, 19))
         v = np.zeros((self.batch, 18))
@@ -207,7 +208,7 @@ class Walkers:
             self._ask(self._simulator.state, rows)
 
     def _draw(self, rng: np.random.Generator) -> Starts:
-        """One initial state."""
+        """Draw one initial state."""
         if self._stored is not None:
             row = int(rng.integers(len(self._stored)))
             return self._stored[row : row + 1]
@@ -219,7 +220,7 @@ class Walkers:
         """Carry out one decision of some robots.
 
         Args:
-            action: ``(B, 12)`` targets as shares of ``task.action_range`` from the nominal pose.
+            action: ``(B, 12)`` targets as fractions of ``task.action_range`` from the nominal pose.
             rows: ``(B,)`` True for the robots that move; the others are left as they are.
 
         Raises:
@@ -287,7 +288,7 @@ class Walkers:
         return (lost & (self._elapsed >= self._grace)) | self._simulator.blown_up
 
     def _ask(self, state: State, rows: BoolArray) -> None:
-        """Ask the expert about some robots; it plans on its grid, as where DAGGER asks it."""
+        """Ask the expert about some robots; it plans on its grid, as it does for DAGGER."""
         if self._expert is None or not np.count_nonzero(rows):
             return
         torque = self._expert.torque(state, self.tick, self.command, rows)
@@ -299,7 +300,7 @@ class Walkers:
     def expert_action(self) -> Float32Array:
         """``(B, 12)`` actions with which the PD law gives the expert's torque at this instant.
 
-        They are not clipped to -1 to 1. For a robot that has fallen it is the one before.
+        They are not clipped to [-1, 1]. A robot that has fallen keeps the last one before its fall.
         """
         offset = self._expert_target - self.robot.nominal[7:]
         return (offset / self.task.action_range).astype(np.float32)
@@ -315,12 +316,12 @@ class Walkers:
 
 
 def reward_rate(task: WalkingTask, velocity: Array, command: Array, effort: Array) -> Array:
-    """``(n,)`` the reward in a second of a robot that has not fallen.
+    """``(n,)`` the reward per second of a robot that has not fallen.
 
     Args:
         task: The weights.
         velocity: ``(n, 3)`` vx, vy [m/s] and yaw rate [rad/s] in the heading frame.
-        command: ``(n, 3)`` what they should be.
+        command: ``(n, 3)`` the commanded values of the same.
         effort: ``(n,)`` the mean squared share of the torque limits.
     """
     error = velocity - command

@@ -1,1 +1,1 @@
-"""What a robot has measured, replayed through its policy; what differs, and how."""
+"""Logs of what a robot measured, replayed through its policy to show what differs, and how."""

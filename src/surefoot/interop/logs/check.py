@@ -1,11 +1,11 @@
-"""Compares a log with what its policy makes of it, and names the first term that differs.
+"""Compares a log with a replay through its policy, and names the first term that differs.
 
-What the sensors say is turned into the network's input anew (`learning.observation`, the
-reference), and compared with what the runtime makes of it, with what the network was given on the
-robot, and, through the network, with the joint targets that the robot was commanded. Where nothing
-differs, or nothing explains what does, the sensors are compared with each other and with the robot.
-Read `differences` for the words, `hypotheses` for logs with targets only, and `plausibility` for
-those of sensors alone.
+The network's input is computed anew from the sensors by `learning.observation`, the reference. It
+is compared with the input that the runtime computes, with the input that the network had on the
+robot, and, through the network, with the joint targets that the robot was commanded. If nothing
+differs, or a difference has no explanation, the sensors are compared with each other and with the
+robot. Read `differences` for how differences are put into words, `hypotheses` for logs with joint
+targets only, and `plausibility` for logs with sensors only.
 """
 
 from __future__ import annotations
@@ -41,15 +41,15 @@ from surefoot.rotations import rotation
 from surefoot.types import TICKS_PER_SECOND, Array
 
 INPUT_TOLERANCE = 1e-4
-"""How much a number of the network's input may differ, in its unit."""
+"""How much a number of the network's input may differ, in its own unit."""
 TARGET_TOLERANCE = 1e-4
-"""[rad] How much joint targets may differ that were logged."""
+"""[rad] How much joint targets may differ from those that were logged."""
 LEAST_RATE_ERROR = 0.1
-"""A rate that is off by this share is another one."""
+"""A rate that is off by more than this fraction is reported."""
 FRAMED = ("angular_velocity", "linear_velocity", "gravity")
-"""Terms that are vectors of the base frame."""
+"""Terms that are vectors in the base frame."""
 NETWORK_TOLERANCE = 1e-5
-"""[rad] How much the targets of PyTorch, ONNX and runtime may differ on the same input."""
+"""[rad] How much the targets of PyTorch, ONNX and runtime may differ for the same input."""
 
 
 @dataclass(frozen=True)
@@ -60,8 +60,8 @@ class LogReport:
         rows: Number of rows of the log.
         compared: What was compared, in words.
         largest: Largest difference of each comparison, in the order of `compared`.
-        findings: What differs, the first term first; empty if all agrees.
-        unjudged: What the log is too short to show, in words; empty if it shows all.
+        findings: What differs, the first term first; empty if everything agrees.
+        unjudged: What the log is too short to show, in words; empty if it shows everything.
     """
 
     rows: int
@@ -72,15 +72,15 @@ class LogReport:
 
 
 def check_log(log: SensorLog, file: ExportFile, torch: Network | None = None) -> LogReport:
-    """Compare a log with what the policy of a file makes of it.
+    """Compare a log with a replay through the policy of a file.
 
     Args:
         log: The log.
         file: The exported network.
-        torch: The network of the policy file that was exported, in PyTorch, if it is at hand.
+        torch: The PyTorch network of the policy file that was exported, if available.
 
     Raises:
-        ValueError: The layout needs what the log does not have, or the log has a gait that the
+        ValueError: The layout needs something that the log lacks, or the log has a gait that the
             policy lacks.
     """
     check_gaits(log, file.description)
@@ -89,7 +89,7 @@ def check_log(log: SensorLog, file: ExportFile, torch: Network | None = None) ->
     comparison = _Comparison(log, file.description)
     comparison.clock()
     inputs, targets, applied = run_runtime(policy, log)
-    # The runtime's history has its own targets, the log's those of whoever drove.
+    # The history holds the targets of the runtime here, but of whoever drove in the log.
     own = reference_inputs(log, file.description, applied)
     comparison.terms("the runtime's input", own, inputs)
     outputs = network(own)
@@ -101,7 +101,7 @@ def check_log(log: SensorLog, file: ExportFile, torch: Network | None = None) ->
 
 
 def check_pipeline(log: SensorLog, file: ExportFile, torch: Network | None = None) -> LogReport:
-    """Compare a log with what the whole pipeline of a file makes of it; see `check_log`."""
+    """Compare a log with a replay through the whole pipeline of a file; see `check_log`."""
     description = file.description
     check_gaits(log, description)
     states_of(log, description)  # first: it says what the log lacks
@@ -126,7 +126,7 @@ def _compare_logged(
     """Compare what was logged with the policy's answers, and the sensors with each other.
 
     Args:
-        comparison: Where findings go.
+        comparison: Collects the findings.
         policy: Gives the layout, the gains and the limits.
         network: The network.
         applied: ``(T, 12)`` the targets that the policy itself would have applied [rad].
@@ -170,7 +170,7 @@ def _explain_better(
     given: Float32Array,
     kept: Array,
 ) -> None:
-    """Look in the log for what explains a term that no order, sign or scale of it does."""
+    """Search the log for the cause, if no order, sign or scale of the term itself explains it."""
     found = comparison.findings[-1] if comparison.findings else None
     if found is None or not (found.kind == "unknown" or found.term == "history"):
         return
@@ -210,7 +210,7 @@ class _Comparison:
         self.largest.append(error)
 
     def too_short(self, rows: int) -> None:
-        """Note that the past of no row is known, on which a policy with a history rests."""
+        """Note that no row has a known past, which a policy with a history depends on."""
         self.unjudged = (
             f"too short to judge a history: the {rows} rows begin in the middle of an episode, and "
             "the policy saw what lies before them; record a longer stretch that it drives"
@@ -253,10 +253,10 @@ class _Comparison:
             return
 
     def network(self, what: str, expected: Numbers, given: Numbers) -> None:
-        """Compare targets of the same network on the same input."""
+        """Compare targets of the same network for the same input."""
         error, row = largest(expected, given)
         self.add(what, error)
-        # float32 keeps seven digits of numbers however large.
+        # float32 keeps seven digits of a number, however large it is.
         if error > NETWORK_TOLERANCE * max(1.0, float(np.abs(expected).max())):
             text = (
                 f"network: {what} differ by up to {error:.3g} rad, most in row {row}; export the "
@@ -265,7 +265,7 @@ class _Comparison:
             self.findings.append(Finding("network", "network", text))
 
     def report(self) -> LogReport:
-        """All of it."""
+        """Everything that was compared and found."""
         return LogReport(
             len(self.log),
             tuple(self.compared),

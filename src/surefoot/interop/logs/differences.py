@@ -1,8 +1,8 @@
 """How two recordings of the same numbers differ: another order, sign, scale, frame, or time.
 
-What was wired wrongly on a robot is mostly one of these. `explain` tries them one after the other,
-the simplest first, and says in words which one makes the two agree. Read `replay` for the
-recordings that are compared.
+A wiring mistake on a robot is mostly one of these. `explain` tries them one after the other, the
+simplest first, and says in words which one makes the two agree. Read `replay` for the recordings
+that are compared.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from surefoot.learning.observation import Float32Array
 from surefoot.types import Array
 
 Numbers = Array | Float32Array
-"""Numbers of either length."""
+"""Numbers of either precision."""
 
 MOST_DELAY = 5
 """[rows] Maximum shift between two recordings."""
@@ -24,7 +24,7 @@ DEGREES = 180.0 / np.pi
 
 
 class Explanation(NamedTuple):
-    """In what two recordings differ.
+    """How two recordings differ.
 
     Attributes:
         kind: `order`, `sign`, `scale`, `frame`, `time` or `unknown`.
@@ -36,14 +36,14 @@ class Explanation(NamedTuple):
 
 
 def largest(expected: Numbers, given: Numbers) -> tuple[float, int]:
-    """The largest difference of two recordings ``(T, n)``, and its row."""
+    """The largest difference between two recordings ``(T, n)``, and its row."""
     error = np.abs(given - expected).max(axis=1)
     row = int(error.argmax())
     return float(error[row]), row
 
 
 def first_beyond(expected: Numbers, given: Numbers, tolerance: float) -> int:
-    """The first row of two recordings ``(T, n)`` that differs by more than a tolerance; -1 if none.
+    """The first row in which two recordings ``(T, n)`` differ by more than a tolerance, or -1.
 
     Args:
         expected: One recording.
@@ -61,14 +61,14 @@ def explain(
     tolerance: float = 1e-4,
     rotation: Array | None = None,
 ) -> Explanation:
-    """In what one recording differs from another.
+    """How one recording differs from another.
 
     Args:
         expected: ``(T, n)`` what the numbers should be.
         given: ``(T, n)`` what they are.
-        names: ``(n,)`` what the columns are called.
-        tolerance: The share of its size that may remain of the difference.
-        rotation: ``(T, 3, 3)`` base frame to world frame, if frames are to be tried for three
+        names: ``(n,)`` the names of the columns.
+        tolerance: The difference that may remain, as a fraction of the size of the numbers.
+        rotation: ``(T, 3, 3)`` base frame to world frame, to try other frames if there are three
             columns.
     """
     if rotation is not None and expected.shape[1] == 3:
@@ -94,14 +94,14 @@ def explain(
 
 
 class _Match(NamedTuple):
-    """The column of the expected numbers that a given one is, times a factor."""
+    """The expected column that equals a given one, if multiplied by a factor."""
 
     column: int
     factor: float
 
 
 def _match(expected: Array, given: Array, place: int, tolerance: float) -> _Match | None:
-    """The column and the factor that make a given column; its own place first, then factor 1."""
+    """The column and factor that give a column: its own place first, then others by sign alone."""
     others = [column for column in range(expected.shape[1]) if column != place]
     for factor in (1.0, -1.0):
         if _agree(factor * expected[:, place], given, tolerance):
@@ -121,13 +121,13 @@ def _match(expected: Array, given: Array, place: int, tolerance: float) -> _Matc
 
 
 def _factor(expected: Array, given: Array) -> float:
-    """The factor by which one column is most nearly the other; 0 if it is zero."""
+    """The factor that best maps one column to the other; 0 if the column is zero."""
     square = float(expected @ expected)
     return float(expected @ given) / square if square > 0.0 else 0.0
 
 
 def _agree(expected: Array, given: Array, tolerance: float) -> bool:
-    """Whether the root mean square of a difference is a small share of that of the numbers."""
+    """Whether the root mean square of a difference is a small fraction of that of the numbers."""
     size = np.sqrt(np.mean(given**2))
     return bool(np.sqrt(np.mean((given - expected) ** 2)) <= tolerance * max(size, 1e-3))
 
@@ -153,7 +153,7 @@ def _in_words(matches: Sequence[_Match], names: Sequence[str]) -> Explanation:
 
 
 def scale_in_words(factor: float) -> str:
-    """What a factor says, and the units that it hints at."""
+    """A factor in words, and the units that it hints at."""
     text = f"it is {factor:.4g} times as large"
     for unit, hint in (
         (DEGREES, "degrees for radians"),

@@ -1,4 +1,4 @@
-"""Builds an ONNX graph operation by operation; each result has a name of its own.
+"""Builds an ONNX graph operation by operation; each result has its own name.
 
 Read `pipeline` next, which builds a policy's pipeline with it.
 """
@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike
 from surefoot.learning.onnx_graph import IR_VERSION, OPSET
 
 SINGLE = 1
-"""ONNX's number of the type float32."""
+"""ONNX's number for the type float32."""
 INT32 = 6
-"""That of int32."""
+"""ONNX's number for int32."""
 INT64 = 7
-"""That of int64."""
+"""ONNX's number for int64."""
 DOUBLE = 11
-"""That of float64."""
+"""ONNX's number for float64."""
 
 
 class GraphBuilder:
@@ -38,21 +38,21 @@ class GraphBuilder:
         self._outputs: list[Any] = []
 
     def input(self, name: str, shape: Sequence[int], kind: int = SINGLE) -> str:
-        """Add an input; its name."""
+        """Add an input, and return its name."""
         from onnx import helper
 
         self._inputs.append(helper.make_tensor_value_info(name, kind, list(shape)))
         return name
 
     def output(self, name: str, shape: Sequence[int], value: str) -> None:
-        """Add an output with the numbers of a result, as float32."""
+        """Add an output with the numbers of a result, cast to float32."""
         from onnx import helper
 
         self._outputs.append(helper.make_tensor_value_info(name, SINGLE, list(shape)))
         self.nodes.append(helper.make_node("Cast", [value], [name], to=SINGLE))
 
     def constant(self, value: ArrayLike, dtype: type = np.float64) -> str:
-        """Add a constant; its name."""
+        """Add a constant, and return its name."""
         from onnx import numpy_helper
 
         name = f"constant{len(self.tensors)}"
@@ -60,11 +60,11 @@ class GraphBuilder:
         return name
 
     def integers(self, *values: int) -> str:
-        """Add a constant vector of integers; its name."""
+        """Add a constant vector of integers, and return its name."""
         return self.constant(values, np.int64)
 
     def apply(self, operator: str, *inputs: str, **attributes: Any) -> str:
-        """Add an operation; the name of its result."""
+        """Add an operation, and return the name of its result."""
         from onnx import helper
 
         name = f"{operator.lower()}_{len(self.nodes)}"
@@ -72,11 +72,11 @@ class GraphBuilder:
         return name
 
     def cast(self, value: str, kind: int) -> str:
-        """The same numbers as another type."""
+        """The same numbers in another type."""
         return self.apply("Cast", value, to=kind)
 
     def joined(self, values: Sequence[str], axis: int = 1) -> str:
-        """Arrays one beside the other."""
+        """Arrays side by side."""
         return self.apply("Concat", *values, axis=axis)
 
     def picked(self, value: str, *indices: int, axis: int = 1) -> str:
@@ -84,7 +84,7 @@ class GraphBuilder:
         return self.apply("Gather", value, self.integers(*indices), axis=axis)
 
     def shaped(self, value: str, *shape: int) -> str:
-        """The same numbers in another shape; -1 stands for what is left."""
+        """The same numbers in another shape; -1 stands for the remaining size."""
         return self.apply("Reshape", value, self.integers(*shape))
 
     def model(self, name: str) -> Any:

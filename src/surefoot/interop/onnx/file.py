@@ -1,10 +1,10 @@
-"""Exports a policy to one ONNX file that says all about itself.
+"""Exports a policy to one ONNX file that describes itself completely.
 
-The graph is the network with its normalizers inside, `obs (n, inputs) -> actions (n, 12)`; the
-actions are joint targets [rad]. The metadata has the keys that mjlab's exporter writes, as lists
-separated by commas, and one key `surefoot` with JSON at full precision
-(`deploy.description.PolicyDescription`). Read `pipeline` for a graph that begins at the
-sensors, and `docs/export.md` for the keys.
+The graph is the network with its normalizers built in, `obs (n, inputs) -> actions (n, 12)`; the
+actions are joint targets [rad]. The metadata has the keys that mjlab's exporter writes, as
+comma-separated lists, and one key `surefoot` with JSON at full precision
+(`deploy.description.PolicyDescription`). Read `pipeline` for a graph that begins at the sensors,
+and `docs/export.md` for the keys.
 """
 
 from __future__ import annotations
@@ -55,11 +55,11 @@ MJLAB_NAMES = {
     "joint_position": "joint_pos",
     "joint_velocity": "joint_vel",
 }
-"""What mjlab calls parts of an observation, where it has the same."""
+"""What mjlab calls those parts of an observation that it has too."""
 
 
 def kinematic_table(robot: RobotModel) -> KinematicTable:
-    """The geometry and the masses of a robot, as an exported file has them.
+    """The geometry and the masses of a robot, as an exported file stores them.
 
     Args:
         robot: The robot.
@@ -86,21 +86,22 @@ def describe(
     stored: Sequence[StartSet] = (),
     kind: Kind = "network",
 ) -> PolicyDescription:
-    """What the exported file of a policy says of it, still without the file's own hash.
+    """The description of a policy in its exported file, still without the file's own hash.
 
     Args:
         policy: The policy.
         policy_file: Its file, for the hash.
-        robot: Its robot; with a hardware profile the limits are those of the profile, and never
-            wider than those that the policy was trained within.
-        config: What it was trained with: where episodes began, and with which delay.
-        stored: The sets of initial states that it was trained from, one for each of its gaits; none
-            if they are unknown.
-        kind: What the graph is to hold.
+        robot: Its robot; the limits are never wider than those of its hardware profile, if it has
+            one, and those that the policy was trained within.
+        config: The configuration that it was trained with, for the split in which episodes began
+            and the delay.
+        stored: The sets of initial states that it was trained from, one for each of its gaits;
+            empty if they are unknown.
+        kind: What the graph will hold.
 
     Raises:
-        ValueError: The policy, or a set of initial states, is one of another robot, or the sets are
-            of other gaits.
+        ValueError: The policy, or a set of initial states, belongs to another robot, or the sets
+            are for other gaits.
     """
     if policy.robot != robot.name:
         raise ValueError(
@@ -148,10 +149,10 @@ def describe(
 
 
 def _check_starts(stored: Sequence[StartSet], policy: Policy) -> None:
-    """Check that sets of initial states are those of a policy's robot and of all of its gaits.
+    """Check that sets of initial states are for a policy's robot, and for all of its gaits.
 
     Raises:
-        ValueError: They are others.
+        ValueError: They are not.
     """
     if not stored:
         return
@@ -184,7 +185,7 @@ def _limits(robot: RobotModel, policy: Policy) -> tuple[Array, Array, Array]:
 
     Args:
         robot: The robot, possibly with a hardware profile.
-        policy: The policy, whose file may know within which limits it was trained.
+        policy: The policy, whose file may hold the limits that it was trained within.
 
     Returns:
         Torques ``(12,)`` [N m], rates ``(12,)`` [rad/s] and angles ``(12, 2)`` [rad].
@@ -205,18 +206,18 @@ def _limits(robot: RobotModel, policy: Policy) -> tuple[Array, Array, Array]:
 
 
 def _within(ranges: Array, others: Array) -> Array:
-    """What both of two ranges allow, ``(12, 2)``; an end that is not known allows all."""
+    """The intersection of two ranges, ``(12, 2)``; an unknown end does not limit it."""
     return np.column_stack(
         [np.fmax(ranges[:, 0], others[:, 0]), np.fmin(ranges[:, 1], others[:, 1])]
     )
 
 
 def start_range(stored: Sequence[StartSet], split: str) -> StartRange:
-    """The postures among the initial states that a policy was trained from.
+    """The range of postures among the initial states that a policy was trained from.
 
     Args:
         stored: The set of each of its gaits.
-        split: The split that rollouts began in; the settled gait cycle belongs to it too.
+        split: The split that rollouts began in; the settled gait cycle is included too.
     """
     q = np.concatenate([part.q for each in stored for part in (each["nominal"], each[split])])
     angles = np.column_stack([roll_pitch(rotation(q[:, 3:7])), q[:, 7:]])
@@ -259,9 +260,9 @@ def write_onnx(
 
     Args:
         model: The ONNX model.
-        description: What the file is to say; its hash is filled in.
+        description: The description of the policy; the hash of the file is filled in.
         path: The file.
-        further: Further keys of the metadata.
+        further: Further metadata, by key.
 
     Returns:
         The description, with the hash of the file.
@@ -285,13 +286,13 @@ def write_onnx(
 
 
 def mjlab_keys(description: PolicyDescription) -> dict[str, str]:
-    """The metadata that mjlab's exporter writes, at full precision: lists separated by commas.
+    """The metadata that mjlab's exporter writes, at full precision: comma-separated lists.
 
-    Its controllers add `default_joint_pos` to the actions and subtract it from the joint angles;
-    here both are absolute, so that it is zero. The standing posture is `nominal` under `surefoot`.
+    Controllers for mjlab add `default_joint_pos` to the actions and subtract it from the joint
+    angles; here both are absolute, so it is zero. The standing posture is `nominal` in `surefoot`.
 
     Args:
-        description: What the file says.
+        description: The description of the policy.
     """
     history = () if description.history is None else ("history",)
     terms = [MJLAB_NAMES.get(term.name, term.name) for term in description.observation]
@@ -314,7 +315,7 @@ def mjlab_keys(description: PolicyDescription) -> dict[str, str]:
 
 
 def _csv(values: Iterable[object]) -> str:
-    """Values, separated by commas."""
+    """Values separated by commas."""
     return ",".join(str(value) for value in values)
 
 

@@ -1,10 +1,10 @@
-"""Exports all from the sensors to the joint targets as one ONNX graph, for controllers of exploy.
+"""Exports everything from sensors to joint targets as one ONNX graph, for controllers of exploy.
 
-Inputs and outputs have the names that RAI's exploy gives them, and its controllers match them by
-name. Inside, in float64: direction of gravity, feet and center of mass by products of exponentials
-(`deploy.kinematics`), phase and history; then the network in float32. The history is an explicit
-input and output: the samples of the last ticks, the oldest first, all zeros where an episode
-begins; the first sample then stands for all of them. Read `file` for the network alone.
+Inputs and outputs have the names that RAI's exploy gives them, by which its controllers match them.
+The graph computes the direction of gravity, and feet and center of mass by products of exponentials
+(`deploy.kinematics`), in float64, and the network in float32. The history is an explicit input and
+output: the samples of the last ticks, oldest first. It is all zeros where an episode begins; the
+first sample then stands for all of them. Read `file` for the network alone.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ from surefoot.learning.policy import Policy
 from surefoot.types import JOINTS, LEGS
 
 BASE = "base"
-"""What the root body is called, and its IMU."""
+"""The name of the root body, and of its IMU."""
 MEMORY_IN = "memory.history.in"
 MEMORY_OUT = "memory.history.out"
 COMMAND = "cmd.se2_velocity.command"
 STEP_COUNT = "ctx.step_count"
 """The gait clock: the number of ticks since the policy began to drive."""
 GAIT = "cmd.float.gait"
-"""Which of several gaits to walk, as its place among those of the file."""
+"""Which of several gaits to walk, as an index into the gaits of the file."""
 EXPLOY_VERSION = "0.1.0"
 """The version of exploy whose conventions the names follow."""
 
-# Entry k of the rotation matrix, row by row, is one of the identity's plus two signed products of
+# Entry k of the rotation matrix, row by row, is that of the identity plus two signed products of
 # components of the quaternion, here w, x, y, z; see `surefoot.rotations`.
 _W, _X, _Y, _Z = range(4)
 _A = (_Y, _X, _X, _X, _X, _Y, _X, _Y, _X)
@@ -51,10 +51,10 @@ def pipeline_model(policy: Policy, description: PolicyDescription) -> OnnxModel:
 
     Args:
         policy: The policy.
-        description: What is said of it, for the geometry, the gains and the limits.
+        description: Its description, for the geometry, the gains and the limits.
 
     Raises:
-        ValueError: The policy sees its height above its feet, which no input of the graph tells.
+        ValueError: The policy sees its height above its feet, which no input of the graph has.
     """
     spec = policy.spec.observation
     if spec.height == "above_feet" and "base_height" in spec.layout.parts:
@@ -89,7 +89,7 @@ def pipeline_model(policy: Policy, description: PolicyDescription) -> OnnxModel:
 
 
 def network_part(content: bytes) -> bytes:
-    """The network alone out of a whole pipeline, as a model ``(n, inputs) -> (n, 12)``.
+    """The network of a whole pipeline, as a model ``(n, inputs) -> (n, 12)`` by itself.
 
     Args:
         content: The pipeline, serialized.
@@ -113,13 +113,13 @@ def network_part(content: bytes) -> bytes:
 
 
 def input_names(description: PolicyDescription) -> dict[str, str]:
-    """The name of each input of the graph, by what it is.
+    """The name of each input of the graph, by the quantity that it holds.
 
-    A policy that sees height or linear velocity takes the state of the base; any other one takes
-    what its IMU measures.
+    A policy that sees height or linear velocity takes the state of the base; any other policy takes
+    what the IMU measures.
 
     Args:
-        description: What is said of the policy.
+        description: The description of the policy.
     """
     robot = description.robot
     asked = {term.name for term in description.observation}
@@ -152,7 +152,7 @@ def exploy_keys(description: PolicyDescription) -> dict[str, str]:
     """The metadata that exploy's controllers read, as JSON texts.
 
     Args:
-        description: What is said of the policy.
+        description: The description of the policy.
     """
     low, high = description.command_range
     axes = ("lin_vel_x", "lin_vel_y", "ang_vel_z")
@@ -173,7 +173,7 @@ def exploy_keys(description: PolicyDescription) -> dict[str, str]:
 
 
 def _inputs(graph: GraphBuilder, description: PolicyDescription) -> dict[str, str]:
-    """Add the inputs; measurements by what they are, as float64, the history as it comes."""
+    """Add the inputs: measurements and command as float64, tick and gait as int64, the history."""
     sizes = {"joint_position": len(JOINTS), "joint_velocity": len(JOINTS), "orientation": 4}
     measured = {}
     for part, name in input_names(description).items():
@@ -193,7 +193,7 @@ def _inputs(graph: GraphBuilder, description: PolicyDescription) -> dict[str, st
 def _parts(
     graph: GraphBuilder, measured: Mapping[str, str], table: KinematicTable
 ) -> dict[str, str]:
-    """All parts of an observation, ``(1, size)`` each, from what is measured."""
+    """All parts of an observation, ``(1, size)`` each, from the measurements."""
     turn = _rotation(graph, measured["orientation"])
     parts = {
         "gravity": graph.apply("Neg", graph.picked(turn, 6, 7, 8)),
@@ -280,7 +280,7 @@ def _goal(graph: GraphBuilder, policy: Policy, measured: Mapping[str, str]) -> l
 
 
 def _begun(graph: GraphBuilder, parts: Mapping[str, str], history: History) -> str:
-    """``(1, reach, sample_size)`` the memory; all of it this sample where an episode begins."""
+    """``(1, reach, sample_size)`` the memory; where an episode begins, this sample repeated."""
     names = [*history.parts, "joint_position"] if history.targets else [*history.parts]
     first = graph.cast(graph.joined([parts[name] for name in names]), SINGLE)
     first = graph.shaped(first, 1, 1, history.sample_size)
@@ -305,7 +305,7 @@ def _network(graph: GraphBuilder, policy: Policy, inputs: str) -> str:
 def _applied(
     graph: GraphBuilder, target: str, measured: Mapping[str, str], description: PolicyDescription
 ) -> str:
-    """``(1, 12)`` the targets that the motors can follow: those of the clipped torques."""
+    """``(1, 12)`` the targets that the motors can follow, which give the clipped torques."""
     kp = graph.constant([description.kp])
     limit = np.array([description.torque_limit])
     damping = graph.apply("Mul", graph.constant([description.kd]), measured["joint_velocity"])
@@ -320,7 +320,7 @@ def _applied(
 def _add_outputs(
     graph: GraphBuilder, description: PolicyDescription, inputs: str, target: str, size: int
 ) -> None:
-    """Add the joint targets, the network's input, and what it gave."""
+    """Add the joint targets as exploy names them, and the network's input and output."""
     shape = (1, len(JOINTS))
     zeros = graph.constant(np.zeros(shape), np.float32)
     name = output_name(description)

@@ -1,7 +1,7 @@
 """Runs the file of a whole pipeline on what a robot measures, as a controller of exploy does.
 
-It shows what such a controller has to do: convert the quaternion to w first, give the gait clock,
-and hand the memory of one tick to the next. Read `pipeline` for the names.
+It shows what such a controller has to do: put w first in the quaternion, supply the gait clock, and
+pass the memory from each tick to the next. Read `pipeline` for the names.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from surefoot.types import Array, Command
 
 
 class PipelineRunner:
-    """A pipeline that is asked once in every tick.
+    """A pipeline that is run once in every tick.
 
     Args:
         file: The exported file of a pipeline.
 
     Raises:
-        ValueError: It holds the network alone.
+        ValueError: The file holds only the network.
     """
 
     def __init__(self, file: ExportFile) -> None:
@@ -51,7 +51,7 @@ class PipelineRunner:
         Args:
             sensors: What the robot measures now.
             tick: The gait clock [ms].
-            command: The velocity that is asked for, and the gait.
+            command: The commanded velocity, and the gait.
         """
         x, y, z, w = sensors.orientation
         values = {
