@@ -1,7 +1,7 @@
 """Films and contact sheets of a recorded robot, without a screen.
 
 A `Recording` is what the robot did, who drove and when it was pushed; `film` makes an MP4 of it and
-`contact_sheet` a PNG. The robot is drawn by `renderer`, in processes of their own; captions and the
+`contact_sheet` a PNG. The robot is drawn by `renderer`, in separate processes; captions and the
 timeline are drawn here, and ffmpeg encodes the film. Next: `renderer`.
 """
 
@@ -29,27 +29,27 @@ from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray
 from surefoot.viz.renderer import RenderingUnavailable, child_process, pictures, view_scale
 
 FILM_SUFFIXES = (".mp4",)
-"""Endings of a film's name."""
+"""The file name endings of films."""
 AIM = 0.11
-"""[m] height the camera looks at: half way from the ground to Solo12's top."""
+"""[m] height the camera looks at: halfway from the ground to Solo12's top."""
 SMOOTHING = 0.3
-"""[s] width of the Gaussian through which the camera follows the base."""
+"""[s] width of the Gaussian that smooths the camera's motion after the base."""
 PUSH_SHOWN = 150
-"""[ms] that a push is named for; it lasts 10 ms, less than a frame."""
+"""[ms] How long a push is captioned; it lasts 10 ms, less than a frame."""
 SHEET_RATE = 24
 """Frames of a contact sheet per second of the recording."""
 SHEET_COLUMNS = 4
-"""Frames of a contact sheet in a row."""
+"""Frames in a row of a contact sheet."""
 SHEET_WIDTH = 480
 """[pixels] width of a frame of a contact sheet."""
 SHEET_HEIGHT = 320
 """[pixels] height of a frame of a contact sheet."""
 EXPERT_COLOR = "#0072B2"
-"""Blue of the palette of Okabe and Ito, which color-blind people can tell apart."""
+"""Blue of Okabe and Ito's palette, whose colors color-blind people can tell apart."""
 POLICY_COLOR = "#D55E00"
 """Vermilion of the same palette."""
 UNKNOWN_COLOR = "#666666"
-"""Gray of the timeline where nobody drove, or nobody knows who."""
+"""Gray of the timeline where nobody drove, or where it is unknown who did."""
 WAITING = ("damped", "standing up")
 """What the robot is doing while neither the policy nor the expert drives."""
 INK = "#282D37"
@@ -58,7 +58,7 @@ INK = "#282D37"
 
 @dataclass(frozen=True)
 class Recording:
-    """What there is to film: one robot, tick by tick, and what happened to it.
+    """What a film shows: one robot, tick by tick, and what happened to it.
 
     Attributes:
         robot: The robot.
@@ -66,13 +66,13 @@ class Recording:
         q: ``(T, 19)`` configurations, one for each tick of 1 ms [m, unit quaternion, rad].
         expert_drove: ``(T,)`` True where the expert drove; None if that is not to be shown.
         pushes: Ticks at which a push begins.
-        ground: The ground of that robot; None is level ground at z = 0.
-        waiting: ``(T,)`` place in `WAITING` of why nobody drove; -1 where somebody did. None says
-            that somebody did throughout.
+        ground: The ground of that robot; None for level ground at z = 0.
+        waiting: ``(T,)`` index into `WAITING` of why nobody drove; -1 where somebody did. None if
+            somebody drove throughout.
 
     Raises:
-        ValueError: ``q`` is not the recording of one robot, or the expert's ticks, pushes or the
-            ground do not belong to that recording.
+        ValueError: ``q`` is not the recording of one robot, or ``expert_drove``, ``waiting``, the
+            pushes or the ground do not fit that recording.
     """
 
     robot: RobotModel
@@ -84,7 +84,7 @@ class Recording:
     waiting: IntArray | None = None
 
     def __post_init__(self) -> None:
-        """Check that all parts have the same length."""
+        """Check that all parts fit the recording."""
         q = self.q
         if q.ndim != 2 or q.shape[1] != 19 or not len(q) or not np.isfinite(q).all():
             raise ValueError(f"q {q.shape} must be finite and (T, 19): rollout.q[b, : length[b]]")
@@ -107,7 +107,7 @@ class Recording:
 
 
 def in_words(command: Command) -> str:
-    """A command for the title of a film: vx, and what else is not zero.
+    """A command for the title of a film: vx, and the other components that are not zero.
 
     Args:
         command: The command.
@@ -131,24 +131,24 @@ def film(
 ) -> Path:
     """Film a robot from its front right, as an MP4 (H.264, yuv420p); whole or not at all.
 
-    If the recording has pushes, or says who drove, each frame says so, and a timeline at the bottom
-    edge shows who drove when; a push is named for 150 ms.
+    If the recording has pushes, or says who drove, each frame shows it, and a timeline at the
+    bottom edge shows who drove when; a push is captioned for 150 ms.
 
     Args:
         recording: What the robot did.
-        path: The film, with the ending .mp4, or a device or a pipe; its folder is made.
-        title: Text in the upper left corner; the time since the start stands on the right.
+        path: The film, with the ending .mp4, or a device or a pipe; its folder is created.
+        title: Text in the upper left corner; the time since the start is on the right.
         rate: Frames per second of the film.
         size: Width and height [pixels].
         speed: Speed of the film; 0.25 is slow motion, four times slower than the robot.
         workers: Number of processes that draw, which does not change the film; None for one per
-            core that may be used.
+            available core.
 
     Returns:
         The path.
 
     Raises:
-        RenderingUnavailable: There is no OpenGL without a screen, or no ffmpeg.
+        RenderingUnavailable: Offscreen OpenGL or ffmpeg is missing.
         ValueError: The path has another ending, or the number of processes is not positive.
         WriteError: The path cannot be written.
     """
@@ -177,19 +177,19 @@ def contact_sheet(recording: Recording, path: Path, frames: int = 12) -> Path:
     """The middle of a recording in one picture (PNG): 24 frames a second, four in a row.
 
     The camera stands still on the robot's right: a stance foot that does not slip keeps its place
-    from frame to frame. Twelve frames are one period of the trot. Who drove and pushes are named in
-    each frame, without a timeline.
+    from frame to frame. Twelve frames are one period of the trot. Captions in each frame name who
+    drove and any push; there is no timeline.
 
     Args:
         recording: What the robot did.
-        path: The picture, with the ending .png; it is there whole or not at all.
+        path: The picture, with the ending .png; it is written whole or not at all.
         frames: Number of frames; a recording that is too short gives fewer.
 
     Returns:
         The path.
 
     Raises:
-        RenderingUnavailable: There is no OpenGL without a screen.
+        RenderingUnavailable: Offscreen OpenGL is missing.
         ValueError: The path has another ending.
         WriteError: The path cannot be written.
     """
@@ -220,14 +220,14 @@ def portrait(robot: RobotModel, path: Path, size: tuple[int, int] = (960, 640)) 
 
     Args:
         robot: The robot.
-        path: The picture, with the ending .png; it is there whole or not at all.
+        path: The picture, with the ending .png; it is written whole or not at all.
         size: Width and height [pixels].
 
     Returns:
         The path.
 
     Raises:
-        RenderingUnavailable: There is no OpenGL without a screen.
+        RenderingUnavailable: Offscreen OpenGL is missing.
         ValueError: The path has another ending.
         WriteError: The path cannot be written.
     """
@@ -240,10 +240,10 @@ def portrait(robot: RobotModel, path: Path, size: tuple[int, int] = (960, 640)) 
 
 
 def check_rendering() -> None:
-    """Film two frames and throw them away.
+    """Film two frames, and throw them away.
 
     Raises:
-        RenderingUnavailable: There is no OpenGL without a screen, or no ffmpeg.
+        RenderingUnavailable: Offscreen OpenGL or ffmpeg is missing.
     """
     robot = load_robot()
     recording = Recording(robot, SimulationConfig(), np.tile(robot.nominal, (80, 1)))
@@ -260,16 +260,16 @@ def _camera(
     away.
     """
     base = gaussian_filter1d(q[:, :2], SMOOTHING * TICKS_PER_SECOND, axis=0, mode="nearest")[ticks]
-    # Sides count from the robot's first heading: at 90 the camera is on its right.
+    # Angles count from the robot's first heading: at 90 the camera is on its right.
     cos, sin = heading(rotation(q[0, 3:7]))
     view = [scale * AIM, scale * distance, np.degrees(np.arctan2(sin, cos)) + side, elevation]
     return np.hstack([base, np.tile(view, (len(base), 1))])
 
 
 def _follow_height(camera: Array, recording: Recording, ticks: IntArray) -> None:
-    """Let the camera rise and sink with the base of a robot on ground of its own, in place.
+    """Let the camera rise and sink with the base of a robot on uneven ground, in place.
 
-    On level ground it stays at one height, and shows how the base moves.
+    On level ground the camera stays at one height, and shows how the base moves.
 
     Args:
         camera: ``(n, 6)`` from `_camera`.
@@ -290,14 +290,14 @@ def _pictures(
     size: tuple[int, int],
     workers: int | None = None,
 ) -> Generator[Image.Image, None, None]:
-    """The pictures of some ticks of a recording, seen by `camera` ``(n, 6)``."""
+    """The pictures of some ticks of a recording, seen from `camera` ``(n, 6)``."""
     q = recording.q[ticks]
     robot = recording.robot
     return pictures(robot, recording.simulation, q, camera, size, workers, recording.ground)
 
 
 def _draw_caption(picture: Image.Image, recording: Recording, tick: int, title: str) -> None:
-    """Draw title and time at the top, and who drives and a push in boxes at the bottom left."""
+    """Draw title and time at the top, and boxes for the driver and a push at the bottom left."""
     width, height = picture.size
     margin = height // 30
     font = ImageFont.load_default(height // 22)
@@ -324,7 +324,7 @@ def _draw_caption(picture: Image.Image, recording: Recording, tick: int, title: 
 
 
 def _draw_timeline(picture: Image.Image, recording: Recording, tick: int) -> None:
-    """Draw the whole recording along the bottom edge: who drove, its pushes, and now."""
+    """Draw the whole recording along the bottom edge: who drove, the pushes, and the present."""
     width, height = picture.size
     length = len(recording.q)
     draw = ImageDraw.Draw(picture)

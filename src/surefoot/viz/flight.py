@@ -1,7 +1,7 @@
 """A flight of a robot as a film: what the flight recorder kept of its last ten seconds.
 
-Where nothing measured the base, the robot stands where it is, its lowest foot on the ground. Read
-`deploy.recorder` for what was kept.
+Where nothing measured the base, the robot is shown in place, with its lowest foot on the ground.
+Read `deploy.recorder` for what was kept.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from surefoot.viz.film import WAITING, Recording
 
 
 def recording_of(flight: Flight, own: Path | str | None = None) -> Recording:
-    """What there is to film of a flight.
+    """A flight as a recording to film.
 
     Args:
         flight: The flight.
-        own: The file of its robot, where it is none of the package.
+        own: The file of its robot, if that is not one of the package.
 
     Raises:
-        ValueError: It holds no tick with finite numbers, or is of another robot than the one given,
-            or of none of the package.
+        ValueError: The flight holds no tick with finite numbers, or it is of another robot than the
+            one given, or of one that the package does not have.
     """
     name = str(flight.robot)
     if own is None and name not in ROBOTS:
@@ -67,9 +67,9 @@ def recording_of(flight: Flight, own: Path | str | None = None) -> Recording:
 
 
 def _steady(time_ns: IntArray) -> IntArray:
-    """The times of a clock without its jumps, as after a restart of the robot.
+    """The times of a clock without jumps like those after a restart of the robot.
 
-    A step back, or of more than a second, becomes one of a millisecond.
+    A step back, or one of more than a second, becomes a step of one millisecond.
 
     Args:
         time_ns: ``(n,)`` the robot's clock [ns].
@@ -80,22 +80,22 @@ def _steady(time_ns: IntArray) -> IntArray:
 
 
 def _shown(time_ns: IntArray) -> IntArray:
-    """The row of a flight that a film shows at each millisecond of the robot's clock: the last one.
+    """The row of a flight that a film shows at each millisecond of the robot's clock: the latest.
 
     Args:
-        time_ns: ``(n,)`` the times of the rows, which do not fall [ns].
+        time_ns: ``(n,)`` the times of the rows, which never decrease [ns].
     """
     times = np.arange(time_ns[0], time_ns[-1] + TICK_NS, TICK_NS)
     return np.searchsorted(time_ns, times, side="right") - 1
 
 
 def _path(velocity: Array, orientation: Array, time_ns: IntArray) -> Array:
-    """The horizontal positions ``(n, 2)`` [m] to which measured velocities lead.
+    """The horizontal positions ``(n, 2)`` [m] from integrating measured velocities.
 
     Args:
         velocity: ``(n, 3)`` of the base, base frame [m/s]; NaN where not measured.
         orientation: ``(n, 4)`` unit quaternions xyzw.
-        time_ns: ``(n,)`` the times, which do not fall [ns].
+        time_ns: ``(n,)`` the times, which never decrease [ns].
     """
     world = (rotation(orientation) @ np.nan_to_num(velocity)[:, :, None])[:, :2, 0]
     seconds = np.diff(time_ns, prepend=time_ns[0]) * 1e-9

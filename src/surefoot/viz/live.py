@@ -1,9 +1,9 @@
-"""A simulation that somebody drives while it runs: one robot, and no browser in it.
+"""A simulation that somebody drives while it runs: one robot, independent of any browser.
 
-Each tick is that of `rollouts.engine`: who drives, their torque, clipped, one step. What differs is
-that the command, the gait, the driver and the pushes come from outside, at any time; a gait begins
-by the rule of episodes (`gait_clock.switch_tick`). `LiveSimulation` is not made for several
-threads: `live_loop` runs it in one. Read `live_setup` for what can be driven.
+Each tick is like that of `rollouts.engine`: choose who drives, clip their torque, take one step.
+Here, however, the command, the gait, the driver and the pushes come from outside, at any time; a
+gait begins by the rule of episodes (`gait_clock.switch_tick`). `LiveSimulation` is not thread-safe:
+`live_loop` runs it in one thread. Read `live_setup` for what can be driven.
 """
 
 from __future__ import annotations
@@ -42,13 +42,13 @@ DriverName = Literal["policy", "expert", "guarded policy"]
 """Who drives: the policy, the expert, or the policy with the expert taking over where a gate
 says so."""
 DRIVERS: tuple[DriverName, ...] = get_args(DriverName)
-"""All of them."""
+"""All drivers."""
 PUSH_TICKS = 10
 """[ms] How long a push lasts, as in evaluations."""
 LIMP_TICKS = 1000
-"""[ms] Time in which a robot that has fallen lies down, before the simulation stands still."""
+"""[ms] Time for a fallen robot to come to lie, before the simulation stops."""
 PLAN_SHOWN = 100
-"""[ms] How long a plan is followed at most, and shown."""
+"""[ms] The longest time for which a plan is followed, and shown."""
 TROT = Gait()
 """The gait assumed of a controller that does not name its own."""
 EVERYONE = np.ones(1, dtype=bool)
@@ -64,30 +64,30 @@ class PlanWatcher(Protocol):
         ...
 
     def forget(self) -> None:
-        """Forget it: a new episode begins."""
+        """Forget the last plan, as a new episode begins."""
         ...
 
 
 class LiveSimulation:
-    """One robot that walks on from standing, as it is told, until it falls.
+    """One robot that walks from standing, as it is told, until it falls.
 
     Args:
         simulator: A simulator of one robot.
         safety: The bounds of the gate and of a fall, with the robot's own values in place of None.
-        damping: Damping of the joints of a robot that has fallen [N m s/rad].
+        damping: Joint damping of a robot that has fallen [N m s/rad].
         expert: The expert.
         policy: The policy; None if only the expert can drive.
         monitor: The gate that guards the policy; None if there is no policy.
-        plans: Remembers the expert's plans; None draws none.
-        gaits: The gaits that expert and policy walk, by their numbers.
+        plans: Remembers the expert's last plan, to be drawn; None if plans are not drawn.
+        gaits: The gaits that expert and policy walk, in the order of their numbers.
 
     Attributes:
         robot: The robot.
         safety: The bounds.
 
     Raises:
-        ValueError: The simulator has more robots than one; or there are several gaits, and a
-            controller cannot be told which one is meant.
+        ValueError: The simulator does not have exactly one robot; or there are several gaits, and a
+            controller cannot be told which one to walk.
     """
 
     def __init__(
@@ -113,7 +113,7 @@ class LiveSimulation:
         self._monitor = monitor
         self._plans = plans
         self._gaits = GaitChange(gaits)
-        # They are told which gait to walk.
+        # These controllers are told which gait to walk.
         self._walkers = [] if len(gaits) == 1 else in_several_gaits((expert, policy))
         self._margins = MarginMeter(self.robot, safety)
         self._command = Command()
@@ -122,7 +122,7 @@ class LiveSimulation:
 
     @property
     def drivers(self) -> tuple[DriverName, ...]:
-        """Who can drive here."""
+        """Who can drive this robot."""
         if self._policy is None:
             return ("expert",)
         return DRIVERS if self._monitor is not None else ("policy", "expert")
@@ -148,7 +148,7 @@ class LiveSimulation:
         return np.array(self._rows).reshape(-1, 7)
 
     def reset(self) -> None:
-        """Begin again from standing, at tick 0 of the gait clock; command and gait stay."""
+        """Begin again from standing, at tick 0 of the gait clock; command and gait are kept."""
         self._begin(standing(self.robot)[None], np.zeros((1, 18)))
         self._elapsed = 0
         self._push_begins = -PUSH_SHOWN
@@ -159,7 +159,7 @@ class LiveSimulation:
         """Begin again from standing, in another gait.
 
         Args:
-            number: Its number.
+            number: The number of the gait.
 
         Raises:
             ValueError: There is no such gait here.
@@ -168,10 +168,10 @@ class LiveSimulation:
         self.reset()
 
     def go_on_from(self, other: LiveSimulation) -> None:
-        """Take over another simulation of the same robot, whose gaits are the first ones of this.
+        """Continue another simulation of the same robot, whose gaits are the first ones here.
 
         Args:
-            other: The other one, which is not to go on itself.
+            other: The other simulation, which must not be stepped afterwards.
         """
         state = other._simulator.state
         self._begin(state.q, state.v)
@@ -182,7 +182,7 @@ class LiveSimulation:
         self._gaits.begin(other._gaits.at(other._elapsed))
 
     def _begin(self, q: Array, v: Array) -> None:
-        """Begin in a state ``(1, 19)`` and ``(1, 18)``, with nothing in anybody's memory."""
+        """Begin in a state ``(1, 19)`` and ``(1, 18)``, with every controller's memory empty."""
         self._simulator.reset(q, v)
         self._expert.reset(1)
         if self._policy is not None:
@@ -199,7 +199,7 @@ class LiveSimulation:
         self._pushed = np.zeros(3)
 
     def set_command(self, command: Command) -> None:
-        """Tell the robot how to walk from the next tick on.
+        """Command the robot's velocity from the next tick on.
 
         Args:
             command: vx, vy [m/s] and yaw rate [rad/s] in the heading frame.
@@ -212,10 +212,10 @@ class LiveSimulation:
         self._command = command
 
     def set_gait(self, number: int) -> None:
-        """Ask for a gait, which begins where a cycle of it does, while a foot stands.
+        """Ask for a gait, which begins at the start of one of its cycles, while a foot stands.
 
         Args:
-            number: Its number.
+            number: The number of the gait.
 
         Raises:
             ValueError: There is no such gait here.
@@ -223,7 +223,7 @@ class LiveSimulation:
         self._gaits.ask(number, self._elapsed)
 
     def set_driver(self, name: DriverName) -> None:
-        """Say who drives from the next tick on.
+        """Choose who drives from the next tick on.
 
         Args:
             name: One of `drivers`.
@@ -238,11 +238,11 @@ class LiveSimulation:
         self._driver = name
 
     def push(self, size: float, direction: float) -> None:
-        """Push the base from the next tick on, for 10 ms; it takes the place of a push under way.
+        """Push the base from the next tick on, for 10 ms; this replaces a push under way.
 
         Args:
             size: Impulse [N s].
-            direction: Where to, in the heading frame [deg]: 0 is forward, 90 to the left.
+            direction: Direction in the heading frame [deg]: 0 is forward, 90 to the left.
 
         Raises:
             ValueError: A number is not finite.
@@ -254,7 +254,7 @@ class LiveSimulation:
         self._push_begins = self._elapsed
 
     def step(self, ticks: int) -> None:
-        """Simulate this number of ticks of 1 ms; fewer once the robot lies on the ground."""
+        """Simulate this number of ticks of 1 ms, or fewer if the robot lies on the ground first."""
         for _ in range(ticks):
             if self.over:
                 return
@@ -276,7 +276,7 @@ class LiveSimulation:
         self._elapsed += 1
 
     def _end_if_lost(self, state: State) -> None:
-        """End the episode of a robot that has fallen, or whose numbers have run away."""
+        """End the episode of a robot that has fallen, or whose simulation has blown up."""
         if self._ended:
             return
         self._lying = self._lying + 1 if self._simulator.body_contact[0] else 0
@@ -290,11 +290,11 @@ class LiveSimulation:
             self._ended = "the robot fell"
 
     def _limp_torque(self, state: State) -> Array:
-        """``(1, 12)`` the torques of damped joints [N m], in which nobody drives."""
+        """``(1, 12)`` the torques of damped joints [N m], while nobody drives."""
         return clip_torque(-self._damping * state.v[:, 6:], self.robot.torque_limit)
 
     def _torque(self, state: State, tick: IntArray) -> Array:
-        """``(1, 12)`` the torques of who drives [N m], as the motors give them."""
+        """``(1, 12)`` the torques of whoever drives [N m], as the motors give them."""
         command = np.array([self._command])
         for walker in self._walkers:
             walker.gait = self._gaits.at(self._elapsed)
@@ -305,7 +305,7 @@ class LiveSimulation:
         torque = clip_torque(
             controller.torque(state, tick, command, EVERYONE), self.robot.torque_limit
         )
-        if self._remembering is not None:  # whoever drove
+        if self._remembering is not None:  # whoever drives
             self._remembering.observe(state, tick, torque)
         if self._expert_drives and self._expert.diverged[0]:
             self._ended = "the expert gave up: it has no valid plan"

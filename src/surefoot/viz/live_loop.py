@@ -1,8 +1,8 @@
-"""A thread in which time passes as on a clock, and a page is drawn from time to time.
+"""A thread in which time passes as on a clock, and a page is drawn at regular intervals.
 
-`Pace` says how much time is due, and how fast it really passes. Everything that touches the source
-runs in the thread of the `LiveLoop`: other threads hand it functions to call between two ticks.
-Read `browser` next, which draws.
+`Pace` computes how much time is due, and how fast it really passes. Everything that touches the
+source runs in the thread of the `LiveLoop`: other threads hand it functions to call between two
+ticks. Read `browser` next, which draws.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from surefoot.viz.snapshot import Source
 logger = logging.getLogger(__name__)
 
 MOST_TICKS = 40
-"""[ms] No more is simulated at once, so that the page stays alive on a slow machine."""
+"""[ms] The most that is simulated at once, so that the page stays responsive on a slow machine."""
 FRAME_SECONDS = 0.04
-"""[s] Time between two pictures: 25 a second."""
+"""[s] Time between two pictures: 25 per second."""
 IDLE_SECONDS = 0.002
 """[s] How long the thread sleeps when nothing is due."""
 WAIT_SECONDS = 0.5
-"""[s] Maximum time until Ctrl-C is noticed while somebody waits for the thread to end."""
+"""[s] Maximum time until Ctrl-C is noticed while waiting for the thread to end."""
 RATE_SECONDS = 1.0
 """[s] The time over which the real rate is measured."""
 
@@ -36,7 +36,7 @@ Clock = Callable[[], float]
 class Pace:
     """How many ticks are due, and how much time passes in the simulation per time on the clock.
 
-    Time that could not be simulated is lost: the simulation does not catch up after a slow second.
+    Time that could not be simulated is lost: the simulation does not catch up after a slow phase.
 
     Args:
         clock: The clock.
@@ -53,7 +53,7 @@ class Pace:
         self.restart()
 
     def restart(self) -> None:
-        """Begin to count now, as after a pause."""
+        """Start counting now, as after a pause."""
         now = self._clock()
         self._last = now
         self._owed = 0.0
@@ -82,11 +82,11 @@ class LiveLoop:
     Args:
         source: What is shown first.
         draw: Called 25 times a second, in the loop's thread, to show the source.
-        report: Called with the message of an error of a function that was handed over.
+        report: Called with the message of an error in a function that was handed over.
         fail: Called with the message of an error that ends the thread, in that thread.
 
     Attributes:
-        failure: The message of the error that has ended the thread; empty without one.
+        failure: The message of the error that ended the thread; empty without one.
         source: What is shown; only the loop's own thread may use or change it.
         pace: The clock of the simulation.
         paused: True while no time passes.
@@ -115,7 +115,7 @@ class LiveLoop:
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread, and wait for it."""
+        """Stop the thread, and wait for it to end."""
         self._stopping.set()
         self._thread.join()
 
@@ -126,15 +126,15 @@ class LiveLoop:
 
     @property
     def alive(self) -> bool:
-        """Whether the thread runs."""
+        """Whether the thread is running."""
         return self._thread.is_alive()
 
     def call(self, function: Callable[[], object]) -> None:
-        """Have a function called in the loop's thread, between two ticks; any thread may ask."""
+        """Have the loop's thread call a function between two ticks; any thread may use this."""
         self._calls.put(function)
 
     def _run(self) -> None:
-        """Let time pass; an error that nobody expected ends it, and is logged and shown."""
+        """Let time pass; an unexpected error ends the thread, and is logged and shown."""
         try:
             self._pass_time()
         except Exception as error:
@@ -143,7 +143,7 @@ class LiveLoop:
             self._fail(self.failure)
 
     def _pass_time(self) -> None:
-        """Simulate and draw until it is told to stop."""
+        """Simulate and draw until told to stop."""
         next_picture = 0.0
         self.pace.restart()
         while not self._stopping.is_set():
@@ -162,7 +162,7 @@ class LiveLoop:
                 self._stopping.wait(IDLE_SECONDS)
 
     def _make_calls(self) -> None:
-        """Call what other threads have asked for; an error of it is reported, and ends nothing."""
+        """Call what other threads have handed over; an error is reported, and does not end this."""
         while True:
             try:
                 function = self._calls.get_nowait()
@@ -173,8 +173,8 @@ class LiveLoop:
             except (ValueError, ArithmeticError, OSError, ImportError, RuntimeError) as error:
                 logger.info("%s", error)
                 self._report(str(error))
-            except Exception as error:  # a mistake in the package: whoever reads the log finds it
+            except Exception as error:  # a bug in the package, so the log has the details
                 logger.exception("what was asked for has failed")
                 self._report(f"{type(error).__name__}: {error}")
-            # What took long is not made up for.
+            # Time that a long call took is not made up for.
             self.pace.restart()

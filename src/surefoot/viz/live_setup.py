@@ -1,8 +1,8 @@
-"""What can be driven live: a robot in its gaits, by a policy where there is one that fits.
+"""What can be driven live: a robot in its gaits, by a policy if one fits.
 
-`find_setup` makes a `LiveSetup` of what the command line names, `with_choice` one of another robot
-or gait, and `start` the `LiveSimulation` of one. The gaits of a setup are changed as the robot
-walks; an expert without a policy learns further ones. Read `live` next.
+`find_setup` makes a `LiveSetup` from what the command line names, `with_choice` makes one for
+another robot or gait, and `start` makes the `LiveSimulation` of a setup. The robot can change among
+the gaits of a setup as it walks; an expert without a policy can add further ones. Read `live` next.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from surefoot.viz.snapshot import ShownPlan, to_world
 logger = logging.getLogger(__name__)
 
 WIDE = CommandBox(vx=(-0.3, 0.5), vy=(-0.2, 0.2), yaw_rate=(-0.8, 0.8))
-"""The commands that Solo12's expert follows in any gait; speeds of other robots scale with the root
-of their leg length."""
+"""The commands that Solo12's expert follows in any gait; the speeds of other robots scale with the
+square root of their leg length."""
 
 
 LYING = 0.3
-"""[s] Time on the ground with base or legs after which a robot has fallen, whatever its angles."""
+"""[s] A robot whose base or legs lie on the ground this long has fallen, whatever its angles."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class LiveSetup:
         config: The configuration, with the robot's own values in place of None.
         policy: The policy; None if only the expert can drive.
         title: What is driven, in words.
-        note: What somebody who drives it should know; empty if there is nothing.
+        note: What the person who drives it should know; empty if there is nothing.
         begin: The number of the gait that the robot begins in.
     """
 
@@ -80,17 +80,17 @@ class LiveSetup:
         return load_robot(self.config.robot).name
 
     def extends(self, other: LiveSetup) -> bool:
-        """Whether it is another setup of an expert with further gaits, so that a robot can go on.
+        """Whether this is another expert's setup with further gaits, so that its robot can walk on.
 
         Args:
-            other: The other one.
+            other: The other setup.
         """
         experts = self.policy is None and other.policy is None
         gaits = self.config.gaits[: len(other.config.gaits)]
         return experts and self.robot == other.robot and gaits == other.config.gaits
 
     def beginning_in(self, gait: str) -> LiveSetup:
-        """The same, beginning in a gait.
+        """The same setup, beginning in another gait.
 
         Args:
             gait: The name of one of its gaits.
@@ -103,7 +103,7 @@ class LiveSetup:
 
     @property
     def commands(self) -> tuple[Command, Command]:
-        """The smallest and the largest command: what the policy was trained on, or a wide box."""
+        """The smallest and the largest command: those the policy was trained on, or a wide box."""
         if self.policy is not None:
             low, high = self.policy.command_range.tolist()
             return Command(*low), Command(*high)
@@ -116,7 +116,7 @@ class WatchedPlanner:
     """Planners as a plan function that remembers its last plan, to be drawn.
 
     Args:
-        planners: The planner of each gait, by their numbers.
+        planners: The planner of each gait, in the order of the gaits' numbers.
     """
 
     def __init__(self, planners: Sequence[Planner]) -> None:
@@ -125,7 +125,7 @@ class WatchedPlanner:
 
     def __call__(self, state: State, tick: int, command: Command) -> MotionPlan:
         """Plan as `Planner.plan` does."""
-        with np.errstate(all="ignore"):  # what is not finite shows in `valid`
+        with np.errstate(all="ignore"):  # numbers that are not finite show in `valid`
             stages = self._planners[command.gait].solve(state, tick, command)
         self._last = (stages, state)
         return stages.motion
@@ -153,7 +153,7 @@ class WatchedPlanner:
 
 
 def find_setup(target: Path | None, robot: str | None = None, gait: str | None = None) -> LiveSetup:
-    """What a target means; without one, the policy that comes with the package, where it fits.
+    """The setup that a target means; without one, the policy of the package, where it fits.
 
     Args:
         target: The folder of a run, a policy file, or None.
@@ -187,10 +187,10 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
 def with_choice(first: LiveSetup, now: LiveSetup, robot: str, gait: str) -> LiveSetup:
     """What is driven after a robot and a gait were chosen.
 
-    An expert that drives the robot without a policy walks the gait besides those that it walks.
+    If an expert already drives the robot without a policy, the gait is added to those it walks.
 
     Args:
-        first: What the command line named; its policy drives again where it fits.
+        first: What the command line named; its policy drives again if it fits.
         now: What is driven now.
         robot: Name of the robot.
         gait: Name of the gait.
@@ -209,9 +209,9 @@ def with_choice(first: LiveSetup, now: LiveSetup, robot: str, gait: str) -> Live
 
 
 def with_expert_of(now: LiveSetup, chosen: LiveSetup) -> LiveSetup:
-    """An expert's setup, with the gait of another one of the same robot besides.
+    """An expert's setup, with the gait of another setup of the same robot added.
 
-    The safety bounds are those that hold the bounds of all gaits, as those of a policy of several.
+    The safety bounds enclose the bounds of all gaits, as for a policy with several gaits.
 
     Args:
         now: What is driven now; its gaits keep their numbers.
@@ -229,15 +229,15 @@ def with_expert_of(now: LiveSetup, chosen: LiveSetup) -> LiveSetup:
 
 
 def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
-    """A robot in a gait that its expert drives, at any command of a wide box.
+    """A robot in a gait, driven by its expert at any command of a wide box.
 
-    The expert's command gains of another robot than Solo12, or another gait than the trot, are
+    For a robot other than Solo12, or a gait other than the trot, the expert's command gains are
     measured, which takes a few seconds the first time.
 
     Args:
-        config: The configuration of everything else, and of the robot if it is of this name: one
-            of a user's own is known by its description only.
-        robot: Name of the robot, or the file of one.
+        config: The configuration of everything else, and of the robot if it has this name: a user's
+            own robot is known only by its description.
+        robot: Name of the robot, or a file that describes it.
         gait: Name of the gait.
 
     Raises:
@@ -248,14 +248,14 @@ def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
     model = load_robot(config.robot)
     root = float(np.sqrt(size_of(model).length_ratio))
     box = CommandBox(_scaled(WIDE.vx, root), _scaled(WIDE.vy, root), WIDE.yaw_rate)
-    # The commands before the robot's own values: they decide about the rules of the expert.
+    # Set the commands before the robot's own values, because they decide the expert's rules.
     config, unmeasured = _measured(replace(with_gait(config, gait), commands=box))
     note = " ".join(filter(None, (unmeasured, _ground_note(config))))
     return LiveSetup(config, None, f"{model.name}, {gait}", note)
 
 
 def _ground_note(config: Config) -> str:
-    """What to know about the ground, which is level here whatever the configuration says."""
+    """A note on the ground, which is level here whatever the configuration says."""
     terrain = config.simulation.terrain
     if terrain is None:
         return ""
@@ -263,19 +263,19 @@ def _ground_note(config: Config) -> str:
 
 
 def _scaled(interval: tuple[float, float], factor: float) -> tuple[float, float]:
-    """An interval of speeds, scaled, and rounded to 0.01 m/s."""
+    """An interval of speeds, scaled and rounded to 0.01 m/s."""
     low, high = interval
     return round(factor * low, 2), round(factor * high, 2)
 
 
 def _measured(config: Config) -> tuple[Config, str]:
-    """The configuration with measured command gains, and a note where none could be measured."""
+    """The configuration with measured command gains, and a note if none could be measured."""
     return _measured_with(config, content_hash(config.robot))
 
 
 @lru_cache(maxsize=16)
 def _measured_with(config: Config, _content: str) -> tuple[Config, str]:
-    """The same, of a robot whose files have this content."""
+    """The same for a robot whose files have this content."""
     try:
         return with_measured_gain(config), ""
     except ValueError as error:
@@ -287,8 +287,8 @@ def start(setup: LiveSetup) -> LiveSimulation:
     """The simulation of a setup, from standing.
 
     The guarded policy has the gate of the paper's Table I, with the blocking of the run if its
-    method has one; several gaits have one table, which holds the bounds of each of them. A robot
-    may tilt as far as in the evaluation of pushes, from which many get up.
+    method has one; several gaits share one table, which encloses the bounds of each. A robot may
+    tilt as far as in the evaluation of pushes, because many recover from that.
 
     Args:
         setup: What is driven.

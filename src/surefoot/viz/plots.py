@@ -1,6 +1,6 @@
 """Plots: the learning curves of a run.
 
-`learning_curves` draws the records of a run (`runs.metrics`): falls, the expert's share and the
+`learning_curves` draws the records of a run (`runs.metrics`): falls, the expert's share, and
 success on the `select` initial states over the iterations, as the paper plots them for its methods
 (IV-F).
 """
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
     from matplotlib.typing import RcKeyType
 
 PLOT_SUFFIXES = (".png", ".svg")
-"""Endings of a plot's name; they say which format it has."""
+"""The file name endings of plots, which select the format."""
 BLUE = "#0072B2"
 RED = "#D55E00"
 GREEN = "#009E73"
 GRAY = "#666666"
-"""Colors of the palette of Okabe and Ito, which color-blind people can tell apart."""
+"""Colors of Okabe and Ito's palette, which color-blind people can tell apart, and a gray."""
 PALETTE = (BLUE, RED, GREEN, "#CC79A7", "#E69F00", "#56B4E9", GRAY, "#F0E442", "#7B4FA3")
-"""Colors of the methods, the ninth a violet beside that palette; the expert is black."""
+"""Colors of the methods; the ninth, a violet, is not from that palette. The expert is black."""
 MOST_LABELS = 12
-"""Iterations named on the axis; of more, every second, third, and so on."""
+"""Most iterations named on the axis; of more, every second, every third, and so on."""
 STYLE: dict[RcKeyType, Any] = {
     "font.size": 11,
     "axes.titlesize": 12,
@@ -48,7 +48,7 @@ STYLE: dict[RcKeyType, Any] = {
     "lines.markersize": 7,
     "svg.hashsalt": "surefoot",
 }
-"""Settings of Matplotlib that all plots share."""
+"""Matplotlib settings that all plots share."""
 
 
 def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
@@ -59,8 +59,8 @@ def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
 
     Args:
         metrics: The run's records (`surefoot.runs.run.Run.metrics`).
-        path: File of the plot, a PNG or an SVG by the ending of its name; it is there whole or not
-            at all.
+        path: File of the plot, a PNG or an SVG by the ending of its name; it is written whole or
+            not at all.
 
     Returns:
         The path.
@@ -93,7 +93,7 @@ def learning_curves(metrics: Sequence[StageRecord], path: Path) -> Path:
 
 
 def plain_text(text: str) -> str:
-    """A text that Matplotlib does not take for mathematics."""
+    """A text that Matplotlib does not interpret as mathematics."""
     return text.replace("$", r"\$")
 
 
@@ -101,7 +101,7 @@ def save_figure(figure: Figure, path: Path) -> None:
     """Write a plot, whole or not at all.
 
     Raises:
-        ValueError: The path has another ending than `PLOT_SUFFIXES`.
+        ValueError: The path's ending is not one of `PLOT_SUFFIXES`.
         WriteError: The path cannot be written.
     """
     check_output(path, suffixes=PLOT_SUFFIXES)
@@ -126,7 +126,7 @@ def _legend_beside_title(axes: Axes) -> None:
 
 
 def _plot_falls(axes: Axes, collected: list[Collected]) -> None:
-    """Falls of each iteration, and those while the expert drove."""
+    """Plot the falls of each iteration, and how many happened while the expert drove."""
     from matplotlib.ticker import MaxNLocator
 
     iterations = [record.iteration for record in collected]
@@ -142,7 +142,7 @@ def _plot_falls(axes: Axes, collected: list[Collected]) -> None:
 
 
 def _plot_expert_share(axes: Axes, collected: list[Collected]) -> None:
-    """Pre-training is 100 % by definition: an arrow at the top, unless there is nothing else."""
+    """Plot the expert's share; pre-training, 100 % by definition, is an arrow if not alone."""
     later = [record for record in collected if record.iteration > 0 and record.episodes]
     iterations = [record.iteration for record in later]
     with_tail = [100 * record.expert_share_with_tail for record in later]
@@ -164,7 +164,7 @@ def _plot_expert_share(axes: Axes, collected: list[Collected]) -> None:
 
 
 def _plot_success(axes: Axes, validated: list[Validated], best: int | None) -> None:
-    """Success of each iteration's policy with its interval, and which policy is the best."""
+    """Plot the success of each iteration's policy with its interval, and mark the best policy."""
     axes.set(title="Success on the select initial states (95 % intervals)", ylabel="success [%]")
     if not validated:
         axes.set_ylim(0, 101)
@@ -192,7 +192,7 @@ def _plot_success(axes: Axes, validated: list[Validated], best: int | None) -> N
 def _label_policies(axes: Axes, frames: dict[int, int], is_series: bool) -> None:
     """Name the policies, and below each the number of frames that it trained on.
 
-    They are of iterations, or a series that learned from more and more of the same data.
+    They are from iterations, or a series that learned from more and more of the same data.
     """
     step = math.ceil(len(frames) / MOST_LABELS)
     named = sorted(frames)[::step]

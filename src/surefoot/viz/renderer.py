@@ -1,10 +1,10 @@
-"""Pictures of a robot without a screen, drawn by MuJoCo in processes of their own.
+"""Pictures of a robot without a screen, drawn by MuJoCo in separate processes.
 
 Which OpenGL MuJoCo uses is settled when it is first imported, and a graphics driver that crashes in
-a drawing process takes nothing with it. `pictures` starts those processes, which are this module
-run as a program. Of n processes, each draws every n-th picture and hands it over through a pipe: so
-they come in order, and none waits in memory but the one that a process has just drawn. Next:
-`film`, which makes films of them.
+a drawing process takes nothing else with it. `pictures` starts those processes, which run this
+module as a program. Each of n processes draws every n-th picture and hands it over through a pipe,
+so pictures come in order, and only the one that a process has just drawn waits in memory. Next:
+`film`, which makes films from pictures.
 """
 
 from __future__ import annotations
@@ -33,19 +33,19 @@ if TYPE_CHECKING:
 TILE = 0.1
 """[m] edge of a floor square; at 0.3 m/s a step of the trot is 0.15 m long."""
 SHOWN_GROUND = 3.0
-"""[m] How far around a robot's way its uneven ground is drawn; to draw all of it takes four times
+"""[m] How far around a robot's path its uneven ground is drawn; drawing all of it takes four times
 as long."""
 LEAST_SHARE = 6
-"""Pictures of a process: to start one takes as long as to draw them."""
+"""The fewest pictures per process: starting a process takes as long as drawing these."""
 FIX = "on Debian or Ubuntu: `make system`, or `apt-get install libegl1 libopengl0 libgl1-mesa-dri`"
 
 
 class RenderingUnavailable(RuntimeError):  # noqa: N818
-    """Something that pictures need is missing; the message says what, and how to fix it."""
+    """Something that pictures need is missing; the message says what, and how to fix that."""
 
 
 def view_scale(robot: RobotModel) -> float:
-    """How much larger than Solo12 a robot looks, to a tenth: its legs are that much longer.
+    """How many times larger than Solo12 a robot is drawn, to a tenth: the ratio of leg lengths.
 
     Args:
         robot: The robot.
@@ -72,16 +72,16 @@ def pictures(
         q: ``(n, 19)`` configurations [m, unit quaternion, rad].
         camera: ``(n, 6)`` point to look at [m], distance [m], azimuth and elevation [deg].
         size: Width and height of a picture [pixels].
-        workers: Number of processes that draw at most; None for one per core that may be used. A
-            process that would draw less than six pictures is not started.
-        ground: The ground of the robot; None is a floor at z = 0.
+        workers: Maximum number of processes that draw; None for one per available core. There are
+            never so many that one would draw fewer than six pictures.
+        ground: The ground of the robot; None for a floor at z = 0.
 
     Raises:
-        RenderingUnavailable: There is no OpenGL without a screen.
+        RenderingUnavailable: Offscreen OpenGL is missing.
         ValueError: The number of processes is not positive.
-        WriteError: The disk is full, which what is to be drawn goes through.
+        WriteError: The disk is too full for the temporary file of what is to be drawn.
     """
-    # The processes that draw import this module too, and need none of this.
+    # The processes that draw import this module too, but need none of these.
     from surefoot.sim.mujoco import to_mujoco
     from surefoot.sim.mujoco_ground import keep_near
     from surefoot.sim.mujoco_model import build_model
@@ -92,7 +92,7 @@ def pictures(
     model = build_model(robot, simulation, visual=True, ground=ground)
     if ground is not None:
         keep_near(model, ground, q[:, :2], SHOWN_GROUND)
-    # MuJoCo computes shadows, and cuts off what is near, by this length.
+    # MuJoCo scales its shadows and its near clipping plane by this length.
     model.stat.extent = view_scale(robot)
     qpos, _ = to_mujoco(q, np.zeros((len(q), model.nv)))
     with ExitStack() as stack:
@@ -107,21 +107,21 @@ def pictures(
 
 
 def _drawn_elsewhere(share: tuple[Any, ...], cores: int) -> Generator[bytes, None, None]:
-    """Draw in one other process; yield nothing once it has started, then raw pictures.
+    """Draw in another process; yield an empty string once it has started, then raw pictures.
 
     Args:
         share: What `draw_pictures` reads: model, configurations, cameras, size.
         cores: Number of cores that the process may use.
 
     Raises:
-        RenderingUnavailable: There is no OpenGL without a screen.
+        RenderingUnavailable: Offscreen OpenGL is missing.
         WriteError: The disk is full.
     """
     _, qpos, _, (width, height) = share
     system = os.environ.get("MUJOCO_GL") or ("egl" if sys.platform == "linux" else "")
     failure = f"MuJoCo cannot draw without a screen (MUJOCO_GL={system}); {FIX}"
-    # Mesa, which draws where there is no GPU, starts a thread for every core of the machine. Of 0
-    # threads it starts none, and draws in the one that there is.
+    # Mesa, which draws where there is no GPU, starts a thread for every core of the machine. Told
+    # to use 0 threads, it starts none, and draws in the main thread.
     threads = str(cores if cores > 1 else 0)
     environment = {"LP_NUM_THREADS": threads, **os.environ, "MUJOCO_GL": system}
     command = [sys.executable, "-P", "-m", __name__]
@@ -136,7 +136,7 @@ def _drawn_elsewhere(share: tuple[Any, ...], cores: int) -> Generator[bytes, Non
 
 
 def _file_of(share: tuple[Any, ...]) -> IO[bytes]:
-    """A temporary file, from its beginning, with what `draw_pictures` reads.
+    """A temporary file, at its beginning, with what `draw_pictures` reads.
 
     Raises:
         WriteError: The disk is full.
@@ -156,7 +156,7 @@ def draw_pictures() -> None:
     model, qpos, camera, (width, height) = pickle.load(sys.stdin.buffer)
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a graphics driver prints is not a picture
-    # Without a GPU a picture of a film takes 0.05 s of a core; smooth edges alone double that.
+    # Without a GPU, a picture of a film takes a core 0.05 s; smooth edges alone would double that.
     model.vis.quality.offsamples = 0
     model.vis.quality.shadowsize = 1024
     model.mat_reflectance[:] = 0.0
@@ -185,7 +185,7 @@ def draw_pictures() -> None:
 
 @contextmanager
 def child_process(command: list[str], failure: str, **options: Any) -> Iterator[Any]:
-    """Run a process that has to succeed once the body has ended, or a pipe to it has broken.
+    """Run a process that must succeed once the body has ended, or a pipe to it has broken.
 
     Args:
         command: Program and arguments.

@@ -1,7 +1,7 @@
-"""What there is to play: a run's policy from standing, or one of its episodes, bit for bit.
+"""What can be played: a run's policy from standing, or one of its episodes, bit for bit.
 
 An episode is fixed by the run's configuration, its seed and the episode's id (`runs.episode_ids`),
-so that nothing of it needs to be stored in order to see it again.
+so nothing more has to be stored to see it again.
 """
 
 from __future__ import annotations
@@ -44,12 +44,12 @@ class EpisodeReport:
             shorter episode: vx, vy [m/s] and yaw rate [rad/s].
         max_torque: Largest joint torque [N m].
         seconds: Time that the episode lasted [s].
-        episode: Id of the recorded episode; None if it is none.
+        episode: Id of the episode; None if no run recorded it.
         drove_last: Who drove the last tick.
         takeovers: Number of times that the expert took over before the tail.
         expert_share: Share of the time before the tail that the expert drove.
         pushes: Times at which a push began [s].
-        latched: What would have switched an actual robot off, and when, in words; empty if nothing,
+        latched: What would have switched off an actual robot, and when, in words; empty if nothing,
             None without a hardware profile.
     """
 
@@ -71,7 +71,7 @@ def standing_start(command: Command, robot: RobotConfig | None = None) -> Starts
 
     Args:
         command: The velocity that is commanded.
-        robot: Which robot; Solo12 if it is None.
+        robot: Which robot; None for Solo12.
     """
     return at_rest(standing(load_robot(robot or "solo12")), np.array([command]))
 
@@ -81,18 +81,18 @@ def recorded_episode(
 ) -> Job:
     """The job that repeats one episode of a run's collection, alone, to the same bits.
 
-    A query of LocoDAGGER starts from a state of another rollout, which is played first for that.
-    Warns if the run was begun with other versions than these.
+    A query of LocoDAGGER starts from a state of another rollout, so that rollout is played first.
+    Warns if the run began with other versions than those installed.
 
     Args:
         folder: Folder of the run.
-        episode: Id of the episode; with an iteration its index there.
+        episode: Id of the episode; with an iteration, its index there.
         iteration: Iteration that collected it; None if the episode is given by its id.
         plan: The expert's MPC if it was the user's own; None for the BiConMP-style planner.
 
     Raises:
-        RunError: There is no run, or its expert's plans at the fixed states were others.
-        FileNotFoundError: The policy or gate that drove is lost.
+        RunError: There is no run, or its expert's plans at the fixed states were different.
+        FileNotFoundError: The policy or gate that drove is missing.
         ValueError: The run has no such episode, or its expert has another name.
     """
     run = open_run(folder)
@@ -150,7 +150,7 @@ def _collected_by(run: Run, place: EpisodeId) -> Collected:
 
 
 def _alone(job: Job, place: EpisodeId) -> Job | None:
-    """An episode of a job, or one that follows from it, as a job of its own; None if not there."""
+    """An episode of a job, or a query that follows it, as a separate job; None if there is none."""
     alone = job[job.episode == place.rollout.number]
     if len(alone.episode) == 0:
         return None
@@ -167,7 +167,7 @@ def _alone(job: Job, place: EpisodeId) -> Job | None:
 
 
 def _range_of(job: Job, place: EpisodeId) -> str:
-    """Which episodes the iteration of an episode has, in words."""
+    """The episodes of the same iteration, in words."""
     i = place.iteration
     count = len(job.episode)
     first = EpisodeId(i, 0)
@@ -196,7 +196,7 @@ def report_episode(
     """
     summary = summarize_job(job, rollouts, expert, concatenate([]))
     length = int(rollouts.length[0])
-    shown = max(length, 1)  # of an expert that gives up at once, the start
+    shown = max(length, 1)  # if the expert gives up at once, the start
     velocity = velocities(rollouts)[0, settled_part(shown)].mean(axis=0)
     profile = load_robot(job.config.robot).profile
     return EpisodeReport(

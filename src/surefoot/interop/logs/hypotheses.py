@@ -1,9 +1,9 @@
-"""What may have been wired wrongly, tried one by one on a log that does not say it directly.
+"""Possible wiring mistakes, tried one by one on a log that does not show them directly.
 
-A log with joint targets, but without the network's input, shows only that something was wrong: each
-hypothesis changes one term of it, and the one with which the network answers as the robot was
-commanded is named. Where the network's input agrees, only the targets can be wrong. Factors are
-fitted. Read `plausibility` next, for what a log without targets shows.
+A log with joint targets, but without the network's input, shows only that something was wrong. Each
+hypothesis changes one term of the log, and the one with which the network gives the commanded
+targets is named. If the network's input agrees, only the targets can be wrong. Factors are fitted.
+Read `plausibility` next, for what a log without targets shows.
 """
 
 from __future__ import annotations
@@ -34,17 +34,17 @@ from surefoot.rotations import rotation
 from surefoot.types import JOINTS, LEGS, Array, BoolArray
 
 LIKELY = 0.02
-"""A hypothesis explains a log if it leaves at most this share of the difference, and of how much
-the numbers vary in the log."""
+"""A hypothesis explains a log if it leaves at most this fraction of the difference, and of the
+variation of the numbers in the log."""
 LEAST = 1e-4
-"""Differences that are smaller, in the unit of what is compared, need no explanation."""
+"""Differences smaller than this, in the unit of what is compared, need no explanation."""
 FREE = 0.2
-"""The torque limit explains the targets of a joint only if it leaves out at most 80 % of them."""
+"""Targets at the torque limit are left out only if at least this fraction of a joint's remains."""
 FACTORS = np.arange(-3.5, 3.6, 0.5)
-"""Powers of ten among which a factor is sought, before it is fitted: to millimeters and back."""
+"""Exponents of ten to search for a factor before it is fitted: up to millimeters and back."""
 
 Terms = tuple[str, ...]
-"""Fields of a log that are changed together."""
+"""Fields of a log that a hypothesis changes together."""
 JOINT_TERMS: tuple[Terms, ...] = (
     ("joint_position",),
     ("joint_velocity",),
@@ -58,7 +58,7 @@ TERMS: tuple[Terms, ...] = (
     ("linear_velocity",),
     ("command",),
 )
-"""All that may have another sign or scale."""
+"""All terms that may have another sign or scale."""
 
 
 class Hypothesis(NamedTuple):
@@ -68,7 +68,7 @@ class Hypothesis(NamedTuple):
         terms: The fields of the log that would be wrong.
         kind: As in `differences.Explanation`.
         text: What would be wrong, in words.
-        change: The log as it would be then.
+        change: Makes the log as it should have been.
     """
 
     terms: Terms
@@ -83,7 +83,7 @@ class Hypothesis(NamedTuple):
 
 
 def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
-    """What may be wrong about a log, but for scales; the simplest first.
+    """What may be wrong about a log, except scales, the simplest first.
 
     Args:
         log: The log; terms that it lacks cannot be wrong.
@@ -136,13 +136,13 @@ def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
 
 
 def scaled(terms: Terms, factor: float) -> Hypothesis:
-    """The hypothesis that some terms of a log are to be multiplied by a factor.
+    """The hypothesis that some terms of a log must be multiplied by a factor.
 
     Args:
         terms: The terms.
         factor: The factor.
     """
-    # Targets are what came out of the policy; all else is what went into it.
+    # Targets came out of the policy; everything else went into it.
     told = 1.0 / factor if terms == ("joint_target",) else factor
     text = f"its scale differs: {scale_in_words(told)}"
     return Hypothesis(terms, "scale", text, _times(terms, slice(None), factor))
@@ -154,7 +154,7 @@ def _present(log: SensorLog) -> list[Terms]:
 
 
 def _places(terms: Terms, columns: int) -> Iterator[tuple[str, Sequence[int] | slice]]:
-    """The columns of some terms that may be wrong together, and what they are called."""
+    """The columns of some terms that may be wrong together, and their names."""
     if columns > 1:
         for place, name in enumerate(component_names(terms[0], columns)):
             yield name, [place]
@@ -165,7 +165,7 @@ def _places(terms: Terms, columns: int) -> Iterator[tuple[str, Sequence[int] | s
 
 @cache
 def _joint_places() -> list[tuple[str, list[int]]]:
-    """Joints that drivers take together: those of a kind, of a leg, and of two legs."""
+    """Joints that drivers handle together: all of one kind, of a leg, or of two legs."""
     by_leg = np.arange(len(JOINTS)).reshape(len(LEGS), 3)
     kinds = ("HAA", "HFE", "KFE")
     sides = {"left": [0, 2], "right": [1, 3], "front": [0, 1], "hind": [2, 3]}
@@ -180,7 +180,7 @@ def _joint_places() -> list[tuple[str, list[int]]]:
 
 @cache
 def _orders() -> list[tuple[str, list[int]]]:
-    """Orders that other programs have: two joints exchanged, by joint, and other legs first."""
+    """Orders that other programs use: two joints exchanged, by joint, and other orders of legs."""
     places = np.arange(len(JOINTS))
     by_leg = places.reshape(len(LEGS), 3)
     by_joint = by_leg.T.ravel()
@@ -201,7 +201,7 @@ def _orders() -> list[tuple[str, list[int]]]:
 
 
 def _with(term: str, values: NDArray) -> Callable[[SensorLog], SensorLog]:
-    """A change to these values of a term."""
+    """A change of a term to these values."""
     return lambda log: replace(log, **{term: values})
 
 
@@ -224,10 +224,10 @@ def _reordered(terms: Terms, order: list[int]) -> Callable[[SensorLog], SensorLo
 
 
 def explain_targets(window: Window, policy: OnnxPolicy, network: Network) -> Finding:
-    """Which hypothesis makes the network answer as the robot was commanded.
+    """The hypothesis with which the network gives the commanded targets, as a finding.
 
     Args:
-        window: Rows of a log with joint targets, among them some that differ.
+        window: Rows of a log with joint targets, including some that differ.
         policy: Gives the layout, the gains and the limits.
         network: The network.
     """
@@ -241,7 +241,7 @@ def explain_targets(window: Window, policy: OnnxPolicy, network: Network) -> Fin
 
     def error(changed: SensorLog) -> float:
         found = differences(changed)
-        # The motors clip by what they measure themselves: by the log as it is, or as it should be.
+        # Motors clip by their own measurements: those of the log, or the log as it should be.
         free = [_free(policy, each, commanded(changed))[known] for each in (log, changed)]
         return min(float(found[these].mean()) for these in free)
 
@@ -262,10 +262,10 @@ def explain_targets(window: Window, policy: OnnxPolicy, network: Network) -> Fin
 
 
 def _free(policy: OnnxPolicy, log: SensorLog, targets: Array) -> BoolArray:
-    """``(T, 12)`` which joint targets the torque limit has not changed, by a log's sensors."""
+    """``(T, 12)`` True where the torque limit left a joint target unchanged, by the sensors."""
     torque = policy.kp * (targets - log.joint_position) - policy.kd * log.joint_velocity
     free = np.abs(torque) < np.array(policy.description.torque_limit) - LEAST
-    # A joint that is always at its limit is rather one whose numbers are wrong.
+    # A joint that is nearly always at its limit more likely has wrong numbers.
     free[:, free.mean(axis=0) < FREE] = True
     return free
 
@@ -273,12 +273,12 @@ def _free(policy: OnnxPolicy, log: SensorLog, targets: Array) -> BoolArray:
 def explain_term(
     window: Window, policy: OnnxPolicy, term: slice, given: Float32Array, kept: Array
 ) -> Hypothesis | None:
-    """Which hypothesis makes a part of the network's input what it was; None if none does.
+    """The hypothesis that reproduces a part of the network's input; None if none does.
 
     Args:
-        window: Rows of a log, among them some in which the part differs.
+        window: Rows of a log, including some in which the part differs.
         policy: Gives the layout, the gains and the limits.
-        term: Where the part lies in the input.
+        term: Where the part is in the input.
         given: ``(T, inputs)`` what the network was given.
         kept: ``(T, 12)`` the joint targets that were applied, if the log has none [rad].
     """
@@ -296,7 +296,7 @@ def explain_term(
 
 
 def _spread(values: Numbers) -> float:
-    """How much numbers ``(T, n)`` vary in time."""
+    """How much numbers ``(T, n)`` vary over time."""
     return float(np.std(values, axis=0, dtype=float).mean())
 
 
@@ -310,8 +310,8 @@ def _most_likely(
 
     Args:
         log: The log.
-        error: How far a log, changed as a hypothesis says, is from what was seen.
-        size: How much varies what the error is of.
+        error: The error of a log after the change of a hypothesis.
+        size: How much the compared numbers vary.
         only: The only terms that may be wrong; None for any.
     """
     most = error(log)
@@ -326,7 +326,7 @@ def _most_likely(
 
 
 def _factor(log: SensorLog, terms: Terms, error: Callable[[SensorLog], float]) -> float:
-    """The factor of some terms that leaves the smallest error."""
+    """The factor on some terms that leaves the smallest error."""
 
     def left(power: float) -> float:
         return error(scaled(terms, 10.0**power).change(log))

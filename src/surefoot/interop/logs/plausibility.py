@@ -1,9 +1,9 @@
 """What a log's sensors say about each other and about the robot, whatever was commanded.
 
-Joint rates have to be the derivatives of the angles, and the rate of turn that of the orientation.
-The posture has to be like those that the policy was trained from, and the height that of the legs.
-A robot's own flights can be judged by nothing else: their targets were computed from the same
-sensors. Read `hypotheses` for what may be wrong.
+Joint rates must be the derivatives of the angles, and the angular velocity must match the turning
+of the orientation. The posture must be like those that the policy was trained from, and the height
+must match the legs. A robot's own flights can only be judged in this way, because their targets
+were computed from the same sensors. Read `hypotheses` for what may be wrong.
 """
 
 from __future__ import annotations
@@ -22,28 +22,28 @@ from surefoot.rotations import rotation
 from surefoot.types import JOINTS, Array
 
 CONSISTENT = 0.3
-"""A measured rate is the derivative of what it belongs to if its difference from that, root mean
-square, is at most this share of it; impacts of the feet make some."""
+"""A measured rate is taken for the derivative if the root mean square of the difference is at most
+this fraction of that of the rates; impacts of the feet cause some difference."""
 LEAST_RATE = 0.05
-"""[rad/s] Rates that are smaller than this, root mean square, say nothing."""
+"""[rad/s] Rates with a smaller root mean square than this show nothing."""
 MARGIN = 0.1
 """[rad] How far a joint may be beyond its limits."""
 PERTURBED = 0.5
 """[rad] How far a joint may be beyond the initial states trained on: robots that begin perturbed
-1.5 times as far were up to 0.3 beyond, and a knee of the wrong sign is more than 2."""
+1.5 times as far were up to 0.3 beyond, and a knee of the wrong sign is more than 2 beyond."""
 HEIGHTS = (0.5, 2.0)
-"""The height that is measured is between these shares of that of the legs: robots leave the ground,
-and the ground is not level."""
+"""The measured height must be within these multiples of the height by the legs, because robots
+leave the ground, and the ground is not level."""
 MILLIMETERS = (500.0, 2000.0)
-"""A height that is so many times too large is one in millimeters."""
+"""A height that is too large by a factor in this range is in millimeters."""
 
 
 def explain_posture(log: SensorLog, description: PolicyDescription) -> list[Finding]:
-    """The joint that is furthest from where it can be, and what would explain that.
+    """The joint that is farthest beyond its possible range, and what would explain that.
 
     Args:
         log: The log.
-        description: The policy: the limits of the joints, and the postures trained from.
+        description: The policy, for the limits of the joints and the postures trained from.
     """
     misfit = _misfit(log, description)
     if misfit is None:
@@ -65,12 +65,12 @@ def explain_posture(log: SensorLog, description: PolicyDescription) -> list[Find
 
 
 def _usual(log: SensorLog) -> Array:
-    """``(12,)`` the median of each joint angle [rad], which no stumble changes."""
+    """``(12,)`` the median of each joint angle [rad], which a stumble does not change."""
     return np.median(log.joint_position, axis=0)
 
 
 def _misfit(log: SensorLog, description: PolicyDescription) -> str | None:
-    """Which joint is furthest beyond its range, in words; None if all are inside."""
+    """The joint that is farthest beyond its range, in words; None if all are inside."""
     limits = np.array(description.position_limit, float)
     limits = np.where(np.isnan(limits), (-np.inf, np.inf), limits).T
     beyond = _beyond(log.joint_position, limits)
@@ -80,7 +80,7 @@ def _misfit(log: SensorLog, description: PolicyDescription) -> str | None:
         return _outside(f"is {angle:.3f} rad in row {row}, and its limits are", joint, limits)
     trained = start_limits(description.start_range)[:, 2:]
     usual = _usual(log)
-    # A robot that falls leaves these postures after its first row, one that stumbles for once.
+    # A robot that falls leaves these postures after its first row, one that stumbles only briefly.
     beyond = np.minimum(_beyond(log.joint_position[0], trained), _beyond(usual, trained))
     joint = beyond.argmax()
     if beyond[joint] > PERTURBED:
@@ -96,17 +96,17 @@ def _beyond(angles: Array, ranges: Array) -> Array:
 
 
 def _outside(text: str, joint: np.intp, ranges: Array) -> str:
-    """What is said of a joint, with its name and its range."""
+    """A text about a joint, with the joint's name and range."""
     low, high = ranges[:, joint]
     return f"{JOINTS[joint]} {text} {low:.3f} to {high:.3f}"
 
 
 def explain_height(log: SensorLog, description: PolicyDescription) -> list[Finding]:
-    """Whether the height is another one than that of the base above its lowest foot.
+    """Whether the height differs from that of the base above the lowest foot.
 
     Args:
         log: The log.
-        description: The policy: whether it sees the height, and the geometry of the legs.
+        description: The policy, for whether it sees the height, and the geometry of the legs.
     """
     asked = any(term.name == "base_height" for term in description.observation)
     if log.base_height is None or not asked:
@@ -116,7 +116,7 @@ def explain_height(log: SensorLog, description: PolicyDescription) -> list[Findi
     lowest = (feet @ up[..., None])[..., 0].min(axis=1)
     of_legs = description.kinematics.foot_radius - lowest
     expected = float(np.median(of_legs))
-    if min(expected, of_legs[0]) <= 0.0:  # it lies on its back
+    if min(expected, of_legs[0]) <= 0.0:  # the robot lies on its back
         return []
     found = float(np.median(log.base_height))
     # As with the posture: a robot that falls begins with the right height.
@@ -142,10 +142,10 @@ def explain_height(log: SensorLog, description: PolicyDescription) -> list[Findi
 
 
 def explain_sensors(log: SensorLog) -> list[Finding]:
-    """Which rates are not the derivatives of what they belong to.
+    """The rates that are not the derivatives of their angles or of the orientation.
 
     Args:
-        log: The log; rows that repeat a measurement, as where a datagram was lost, are left out.
+        log: The log; rows that repeat a measurement, as after a lost datagram, are left out.
     """
     new = np.diff(log.time_ns, prepend=log.time_ns[0] - 1) != 0
     if new.sum() < 2 or (np.diff(log.time_ns) < 0).any():
@@ -188,7 +188,7 @@ def explain_sensors(log: SensorLog) -> list[Finding]:
 def _opposite(
     term: str, source: str, expected: Array, given: Array, names: Sequence[str]
 ) -> list[Finding]:
-    """Single rates, of little weight among all of them, that have the opposite sign."""
+    """Single rates of opposite sign, which weigh too little to show in the error of all rates."""
     size = np.sqrt(np.mean(expected**2, axis=0))
     error = np.sqrt(np.mean((given + expected) ** 2, axis=0))
     places = np.flatnonzero((size > LEAST_RATE) & (error <= CONSISTENT * size))

@@ -1,6 +1,6 @@
-"""Replays a log: the network's input in each row, by the package's reference and by the runtime.
+"""Replays a log: the network's input in each row, from the package's reference and the runtime.
 
-Read `check` next, which compares them with each other and with what was logged.
+Read `check` next, which compares these inputs with each other and with what was logged.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Finding:
         term: The term that differs: a part of the network's input, a field of the log, or
             `network`.
         kind: `order`, `sign`, `scale`, `frame`, `time`, `rate`, `network` or `unknown`.
-        text: A sentence that says what differs from what, and how.
+        text: A sentence on what differs from what, and how.
     """
 
     term: str
@@ -45,16 +45,16 @@ class Finding:
 
 
 MOST_ROWS = 200
-"""Number of rows on which hypotheses are tried: a few of them settle it."""
+"""Number of rows on which hypotheses are tried: a few rows settle it."""
 
 
 class Window(NamedTuple):
     """Some rows of a log, in which something differs.
 
     Attributes:
-        log: Those rows.
-        rows: Where they lie in the whole log.
-        known: The first of them whose past is known.
+        log: These rows.
+        rows: Where they are in the whole log.
+        known: Index of the first of these rows whose past is known.
     """
 
     log: SensorLog
@@ -66,12 +66,12 @@ def first_known(log: SensorLog, description: PolicyDescription) -> int:
     """The first row whose past is known: a log may begin in the middle of an episode.
 
     Args:
-        log: The log; one that does not say how it begins, and is hardly longer than the history, is
-            taken to begin with an episode.
+        log: The log. If it does not record how it begins, and is at most twice as long as the
+            history, it is assumed to begin with an episode.
         description: The policy, which may have a history.
 
     Returns:
-        The row; the number of rows if the past of none is known.
+        The row, or the number of rows if no row has a known past.
     """
     history = description.spec.layout.history
     reach = 0 if history is None else history.reach
@@ -81,7 +81,7 @@ def first_known(log: SensorLog, description: PolicyDescription) -> int:
 
 
 def window_of(log: SensorLog, description: PolicyDescription, row: int) -> Window:
-    """The rows about one, and those before them that their history has.
+    """The rows around one row, and the earlier rows that are in their history.
 
     Args:
         log: The log.
@@ -100,7 +100,7 @@ def commanded(log: SensorLog) -> Array:
     """``(T, 12)`` the joint targets of a log [rad].
 
     Raises:
-        ValueError: It has none.
+        ValueError: The log has none.
     """
     if log.joint_target is None:
         raise ValueError("the log has no joint_target")
@@ -115,7 +115,7 @@ def states_of(log: SensorLog, description: PolicyDescription) -> State:
         description: The policy that is to see them.
 
     Raises:
-        ValueError: The layout needs what the log does not have.
+        ValueError: The layout needs something that the log lacks.
     """
     T = len(log)
     asked = {term.name for term in description.observation}
@@ -137,7 +137,7 @@ def states_of(log: SensorLog, description: PolicyDescription) -> State:
 def reference_inputs(
     log: SensorLog, description: PolicyDescription, applied: Array
 ) -> Float32Array:
-    """``(T, inputs)`` the network's input in each row, by the package's reference.
+    """``(T, inputs)`` the network's input in each row, from the package's reference.
 
     Args:
         log: The log.
@@ -152,7 +152,7 @@ def reference_inputs(
     now = spec.observation_size
     if history is not None:
         now -= history.size
-        # A pipeline counts its calls; the runtime is told of ticks that it has missed.
+        # A pipeline only counts its calls; the runtime is told which ticks it has missed.
         elapsed = np.arange(T) if description.kind == "pipeline" else log.elapsed
         out[:, now : spec.observation_size] = remembered(state, applied, elapsed, history)
     observe(state, spec.layout.parts, out=out[:, :now])
@@ -181,7 +181,7 @@ def sensors_of(log: SensorLog, row: int) -> Sensors:
 
 
 def command_of(log: SensorLog, row: int) -> Command:
-    """The velocity and the gait that were asked for in one row of a log."""
+    """The velocity and the gait that were commanded in one row of a log."""
     gait = 0 if log.gait is None else int(log.gait[row])
     return GaitCommand(*log.command[row].tolist(), gait=gait)
 
@@ -194,7 +194,7 @@ def check_gaits(log: SensorLog, description: PolicyDescription) -> None:
         description: The policy.
 
     Raises:
-        ValueError: It lacks one.
+        ValueError: The policy lacks one.
     """
     gaits = len(description.gaits)
     wrong = (log.gaits < 0) | (log.gaits >= gaits)
@@ -253,7 +253,7 @@ def run_pipeline(runner: PipelineRunner, log: SensorLog) -> tuple[Float32Array, 
 
 
 def torch_network_of(policy: Policy) -> Network:
-    """The network of a policy as PyTorch computes it, without folding anything.
+    """The network of a policy as PyTorch computes it, without folding in its normalizers.
 
     Args:
         policy: The policy.
@@ -268,7 +268,7 @@ def torch_network_of(policy: Policy) -> Network:
 
 
 def clipped(policy: OnnxPolicy, log: SensorLog, targets: Numbers) -> Array:
-    """``(T, 12)`` joint targets that the motors could follow: those of the clipped torques [rad].
+    """``(T, 12)`` joint targets that the motors could follow, which give the clipped torques [rad].
 
     Args:
         policy: Gives the gains and the limits.

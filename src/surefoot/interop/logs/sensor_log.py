@@ -1,12 +1,12 @@
 """Logs of what a robot measured, row by row, and of what its policy answered: npz or CSV.
 
-Any robot's software can write one, and `surefoot check` replays it. A runtime of this package keeps
-more, a `Flight`, of which `sensor_log_of_flight` takes the part that a replay needs. A log whose
-torques are to be learned is another thing, an expert log (`interop.datasets.arrays`).
+Any robot's software can write one, and `surefoot check` replays it. A runtime of this package
+records more, a `Flight`, from which `sensor_log_of_flight` takes the part that a replay needs. A
+log of torques to be learned is something else, an expert log (`interop.datasets.arrays`).
 
-An npz file holds one array for each array of `SensorLog`; a CSV file one column for each number,
-named `field.component`, such as `joint_position.FL_HAA`. `docs/export.md` lists them. Read `replay`
-next, which runs a policy on a log.
+An npz file holds one array for each array of `SensorLog`; a CSV file has one column for each
+number, named `field.component`, such as `joint_position.FL_HAA`. `docs/export.md` lists them. Read
+`replay` next, which runs a policy on a log.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ from surefoot.learning.observation import Float32Array
 from surefoot.types import JOINTS, LEGS, Array, BoolArray, IntArray, State
 
 SUFFIXES = (".npz", ".csv")
-"""The endings of logs."""
+"""The file name endings of logs."""
 AXES = ("x", "y", "z")
 UNIT = 0.05
-"""A quaternion whose length differs from 1 by more is none, as for the runtime."""
+"""A quaternion whose length differs from 1 by more than this is refused, as by the runtime."""
 _COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "time_ns": (),
     "tick": (),
@@ -51,7 +51,7 @@ _COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "joint_target": JOINTS,
     "gait": (),
 }
-"""The components of each field; that of `network_input` are numbers from 0 on."""
+"""The components of each field; those of `network_input` are numbered from 0."""
 DRIVE = 2
 """The mode of a flight in which the robot is driven."""
 _OPTIONAL = ("base_height", "linear_velocity", "joint_target", "network_input", "gait")
@@ -59,11 +59,11 @@ _INTEGERS = ("time_ns", "tick", "gait")
 
 
 def component_names(term: str, size: int) -> tuple[str, ...]:
-    """What the numbers of a term are called, of a log or of the network's input.
+    """The names of the components of a term, of a log or of the network's input.
 
     Args:
         term: Name of the term.
-        size: The number of its numbers.
+        size: The number of its components.
     """
     if term == "feet":
         return tuple(f"{leg} {axis}" for leg in LEGS for axis in "xy")
@@ -78,7 +78,7 @@ class SensorLog:
     """T rows of what one robot measured, one for each tick in which its policy was asked.
 
     Attributes:
-        time_ns: ``(T,)`` when it was measured [ns].
+        time_ns: ``(T,)`` when the row was measured [ns].
         tick: ``(T,)`` gait clock [ms].
         command: ``(T, 3)`` vx, vy [m/s], yaw rate [rad/s].
         joint_position: ``(T, 12)`` joint angles [rad], in the order of `JOINTS`.
@@ -89,9 +89,9 @@ class SensorLog:
         linear_velocity: ``(T, 3)`` of the base, base frame [m/s], if something measured it.
         joint_target: ``(T, 12)`` the joint targets that were commanded [rad], if they were kept.
         network_input: ``(T, n)`` what the network was given, if that was kept.
-        gait: ``(T,)`` the number of the gait that was walked, of a policy of several; None, as in
-            older files, is the first one throughout.
-        begins: Whether an episode begins with the first row; None if nobody knows, as of a file.
+        gait: ``(T,)`` the number of the gait that was walked, if the policy has several; None, as
+            in older files, stands for the first one throughout.
+        begins: Whether an episode begins with the first row; None if unknown, as for a file.
 
     Raises:
         ValueError: There are fewer than two rows, or an array has another shape, or numbers that
@@ -136,20 +136,20 @@ class SensorLog:
 
     @property
     def gaits(self) -> IntArray:
-        """``(T,)`` the number of the gait that was walked; zeros where that was not kept."""
+        """``(T,)`` the number of the gait that was walked; zeros if that was not kept."""
         return np.zeros(len(self), np.int64) if self.gait is None else self.gait
 
     @property
     def elapsed(self) -> IntArray:
-        """``(T,)`` ticks since the first row; rows that nobody measured leave gaps."""
+        """``(T,)`` ticks since the first row; ticks that were not measured leave gaps."""
         usual = float(np.median(np.diff(self.time_ns)))
-        if usual <= 0.0:  # no times of measurements
+        if usual <= 0.0:  # there are no times of measurement
             return np.arange(len(self))
         clock = TickClock(usual)
         return np.cumsum([1 + clock.unseen(time) for time in self.time_ns.tolist()]) - 1
 
     def at(self, rows: BoolArray | slice) -> SensorLog:
-        """Some rows of the log: those that are True, or that lie between two."""
+        """Some rows of the log, given by a mask or a slice."""
         begins = self.begins if 0 in np.arange(len(self))[rows] else False
         return replace(self, begins=begins, **{n: array[rows] for n, array in _present(self)})
 
@@ -157,7 +157,7 @@ class SensorLog:
 def remembered(state: State, target: Array, elapsed: IntArray, history: History) -> Float32Array:
     """``(T, size)`` the samples of the past at every row of one episode, as `Memory` has them.
 
-    A row stands for the ticks after it that have none.
+    A row also stands for the ticks after it that have no row.
 
     Args:
         state: The T states, from the first tick on.
@@ -177,7 +177,7 @@ def remembered(state: State, target: Array, elapsed: IntArray, history: History)
 
 
 def sensor_log_of_flight(flight: Flight) -> SensorLog:
-    """What a runtime recorded in the longest stretch that the policy drove, without the expert.
+    """What a runtime recorded in the longest stretch that the policy drove without the expert.
 
     Args:
         flight: The last seconds of a robot.
@@ -208,7 +208,7 @@ def sensor_log_of_flight(flight: Flight) -> SensorLog:
         linear_velocity=flight.base[rows, 1:] if measured else None,
         joint_target=flight.position[rows],
         gait=flight.gait[rows],
-        begins=bool(flight.gait_tick[first] == 0),  # with it the policy's memory is emptied
+        begins=bool(flight.gait_tick[first] == 0),  # when the policy's memory is emptied
     )
 
 
@@ -216,7 +216,7 @@ def write_sensor_log(log: SensorLog, path: Path) -> None:
     """Write a log, whole or not at all, as npz or as CSV, by the file's ending.
 
     Raises:
-        ValueError: The name has another ending.
+        ValueError: The file name has another ending.
         WriteError: The disk is full, or read-only.
     """
     if path.suffix.lower() == ".npz":
@@ -234,7 +234,7 @@ def read_sensor_log(path: Path) -> SensorLog:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: It is no log; the message names the file and what is wrong.
+        ValueError: The file is not a log; the message names the file and what is wrong.
     """
     if not path.exists():
         raise FileNotFoundError(
@@ -265,7 +265,7 @@ def read_sensor_log(path: Path) -> SensorLog:
 
 
 def _shape(name: str, array: ArrayLike, rows: int) -> tuple[int | str, ...]:
-    """The shape that an array of a log has to have; that of the network's input is not known."""
+    """The required shape of an array of a log; the width of the network's input is not known."""
     components = _COMPONENTS.get(name)
     if components is None:
         return rows, np.shape(array)[1] if np.ndim(array) == 2 else "n"
@@ -273,7 +273,7 @@ def _shape(name: str, array: ArrayLike, rows: int) -> tuple[int | str, ...]:
 
 
 def _present(log: SensorLog) -> Iterator[tuple[str, NDArray]]:
-    """The arrays of a log, by their names, without those that were not kept."""
+    """The arrays of a log with their names, without those that were not kept."""
     for name in _array_names():
         array = getattr(log, name)
         if array is not None:
@@ -286,7 +286,7 @@ def _array_names() -> list[str]:
 
 
 def _as_csv(log: SensorLog) -> str:
-    """A log as text: numbers at full precision, one row for each tick."""
+    """A log as CSV text: numbers at full precision, one row for each tick."""
     names: list[str] = []
     columns: list[NDArray] = []
     for name, array in _present(log):
@@ -309,11 +309,11 @@ def _column_names(name: str, array: NDArray) -> list[str]:
 
 
 def _from_csv(text: str) -> dict[str, NDArray]:
-    """The arrays of a text.
+    """The arrays of a CSV text.
 
     Raises:
-        ValueError: A column is there twice, or some of an array's are missing; a row has another
-            number of values, or one that is no number.
+        ValueError: A column appears twice, an array lacks some columns, or a row has another number
+            of values, or a value that is not a number.
     """
     reader = csv.reader(StringIO(text))
     head = next(reader, [])
@@ -331,10 +331,10 @@ def _from_csv(text: str) -> dict[str, NDArray]:
 
 
 def _integer(text: str) -> int:
-    """A whole number, also one that is written with a point or an exponent.
+    """A whole number, which may be written with a decimal point or an exponent.
 
     Raises:
-        ValueError: It is no whole number.
+        ValueError: It is not a whole number.
     """
     if not text.strip().lstrip("+-").isdigit():
         with suppress(ValueError):
@@ -344,7 +344,7 @@ def _integer(text: str) -> int:
 
 
 def _array(name: str, parts: dict[str, list[Any]]) -> NDArray:
-    """The array of some columns, whatever their order."""
+    """The array that some columns form, whatever their order."""
     if [*parts] == [""]:
         return np.array(parts[""])
     components = _COMPONENTS.get(name) or tuple(str(place) for place in range(len(parts)))

@@ -1,7 +1,7 @@
 """A log of a simulation: what one of its robots measured, and what its network was given.
 
-`surefoot play --log FILE` writes one, and `surefoot check` replays it as that of a robot. Read
-`sensor_log` for what it holds.
+`surefoot play --log FILE` writes one, and `surefoot check` replays it like the log of a robot. Read
+`sensor_log` for what a log holds.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ def sensor_log_of(rollouts: Rollout, robot: int, spec: PolicySpec) -> SensorLog:
         spec: The policy's layout and gains.
 
     Raises:
-        ValueError: Its episode had fewer than two ticks.
+        ValueError: The robot's episode had fewer than two ticks.
     """
     T = int(rollouts.length[robot])
     seen = spec.observation
