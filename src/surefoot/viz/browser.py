@@ -1,8 +1,8 @@
 """The page: a robot that is driven in the browser, or an episode of a run that is scrubbed.
 
-`Page` puts scene, instruments, controls and episodes together; all that touches the simulation runs
-in the thread of its `LiveLoop`. What is shown, and how it is simulated, knows nothing of the page:
-read `live` and `playback` for that, and `browser_server` for who can reach it.
+`Page` puts scene, instruments, controls and episodes together; everything that touches the
+simulation runs in the thread of its `LiveLoop`. The simulation and the recordings do not depend on
+the page: read `live` and `playback` for them, and `browser_server` for who can reach the page.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from surefoot.viz.live_setup import LiveSetup, start, with_choice
 from surefoot.viz.playback import Playback, open_episode
 
 PICTURES_PER_READING = 4
-"""The instruments are read in every fourth picture, six times a second."""
+"""The instruments are updated in every fourth picture, six times a second."""
 
 
 class Page:
@@ -30,11 +30,11 @@ class Page:
 
     Args:
         setup: What is driven first.
-        run: Folder of the run whose episodes can be opened; None without one.
+        run: Folder of the run whose episodes can be opened; None if there is no run.
         port: The port of the server; 0 takes any.
 
     Attributes:
-        address: Where the page is.
+        address: The address of the page.
         live: The simulation; only the loop's own thread may use it.
         loop: The thread in which time passes.
 
@@ -64,7 +64,7 @@ class Page:
         self.loop.start()
 
     def _add_controls(self) -> tuple[Controls, EpisodeList | None]:
-        """Add the controls; those of a run's episodes in a tab of their own."""
+        """Add the controls, with a separate tab for the episodes of a run."""
         controls = Controls(self._server, self)
         if self._run is None:
             controls.add_driving()
@@ -86,22 +86,22 @@ class Page:
         self.loop.call(lambda: self.live.set_command(command))
 
     def let_drive(self, driver: DriverName) -> None:
-        """Say who drives."""
+        """Choose who drives."""
         self.loop.call(lambda: self.live.set_driver(driver))
 
     def push(self, size: float, direction: float) -> None:
-        """Push the robot: an impulse [N s] towards a side of it [deg]."""
+        """Push the robot with an impulse [N s] in a direction [deg]."""
         self.loop.call(lambda: self.live.push(size, direction))
 
     def pause(self) -> None:
-        """Let time stop, or pass again."""
+        """Stop time, or let it pass again."""
         self.loop.call(self._pause)
 
     def _pause(self) -> None:
         self.loop.paused = not self.loop.paused
 
     def set_speed(self, speed: float) -> None:
-        """Say how much time passes per time on the clock."""
+        """Set how much time passes per time on the clock."""
         self.loop.call(lambda: self._set_speed(speed))
 
     def _set_speed(self, speed: float) -> None:
@@ -120,7 +120,7 @@ class Page:
             self.live.reset()
 
     def choose(self, robot: str, gait: str) -> None:
-        """Ask for another gait, or begin again with another robot; may take seconds."""
+        """Ask for another gait, or begin again with another robot; this may take seconds."""
         self.loop.call(lambda: self._choose(robot, gait))
 
     def _choose(self, robot: str, gait: str) -> None:
@@ -134,7 +134,7 @@ class Page:
             self._show_choice()
 
     def _drive(self, setup: LiveSetup) -> None:
-        """Drive what was chosen; a robot that can go on does, and begins the gait where it can."""
+        """Drive what was chosen; a robot that can walk on does, and begins the gait when it can."""
         before = self._setup
         known = setup.config is before.config
         # A robot that has fallen begins again from standing.
@@ -154,13 +154,13 @@ class Page:
             self._fit()
 
     def _show_choice(self) -> None:
-        """Have the controls show which robot is driven, and which gait was asked for."""
+        """Make the controls show which robot is driven, and which gait was asked for."""
         setup = self._setup
         gait = setup.gaits[self.live.asked_gait]
         self._controls.show_choice(setup.robot, gait, setup.gaits)
 
     def open_episode(self, episode: int) -> None:
-        """Show an episode of the run; it takes seconds to play it out again."""
+        """Show an episode of the run, which takes seconds to play out again."""
         self.loop.call(lambda: self._open_episode(episode))
 
     def _open_episode(self, episode: int) -> None:
@@ -197,7 +197,7 @@ class Page:
         self._draw_robot(self.live)
 
     def _draw_robot(self, source: LiveSimulation | Playback) -> None:
-        """Draw another robot, if it is another one, and its charts in its range."""
+        """Draw the robot of a source, if it is a different one, and fit the charts to its range."""
         if source.robot.name != self._scene.robot.name:
             self._instruments.fit(size_of(source.robot).com_height)
             self._server.scene.reset()
@@ -205,25 +205,25 @@ class Page:
             self._scene.look()
 
     def _fit(self) -> None:
-        """Have the controls show and allow what is driven; the robot is told what they show."""
+        """Fit the controls and charts to what is driven, and tell the robot what controls show."""
         size = size_of(self.live.robot)
         self._instruments.fit(size.com_height)
-        # A push that makes robots of all sizes equally fast for their size.
+        # This push makes robots of all sizes equally fast relative to their size.
         push_scale = size.mass_ratio * size.length_ratio**0.5
         self._controls.fit(self.live.drivers, self._setup.commands, push_scale)
         self.live.set_driver(self.live.drivers[0])
         self.live.set_command(self._controls.command)
 
     def _report(self, error: str) -> None:
-        """Show an error of something that was asked for."""
+        """Show the error of a call that was asked for."""
         self._error = error
 
     def _fail(self, error: str) -> None:
-        """Show the error that has ended the thread; the source itself may be broken."""
+        """Show the error that ended the thread; the source itself may be broken."""
         self._instruments.say(failure_html(error))
 
     def _show_busy(self, text: str) -> None:
-        """Say what takes long; nothing else is drawn meanwhile."""
+        """Say what takes so long; nothing else is drawn meanwhile."""
         self._busy = text
         self._say()
 
@@ -240,7 +240,7 @@ class Page:
             self._episodes.show(source if isinstance(source, Playback) else None)
 
     def _say(self) -> None:
-        """Show who drives what, and what is to be said."""
+        """Show who drives what, and any notes."""
         source = self.loop.source
         snapshot = source.snapshot()
         notes = [self._busy, self._error]

@@ -1,7 +1,7 @@
 """The page's controls: who drives, how to walk and in which gait, pushes, time and robot.
 
-What a page sends is brought into the range of its control before anything is done with it, because
-a page may send anything. Read `browser` next, which does what the controls ask for.
+Values from a page are clipped to the range of their control before they are used, because a page
+may send anything. Read `browser` next, which does what the controls ask for.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 AXES = ("vx [m/s]", "vy [m/s]", "yaw rate [rad/s]")
 """The sliders of a command."""
 KEYS = ("W and S", "Q and E", "A and D")
-"""The keys that move them up and down."""
+"""The keys that move these sliders up and down."""
 KEY_PAIRS = (("W", "S"), ("Q", "E"), ("A", "D"))
-"""The same, one by one."""
+"""The same keys, one by one."""
 KEY_SHARE = 0.1
-"""A key moves a slider by this share of its range."""
+"""A key moves a slider by this fraction of its range."""
 FIRST_SPEED = 0.2
-"""[m/s] The speed forward that a robot is told first, where it may be told so."""
+"""[m/s] The forward speed that a robot is commanded first, if that is in its range."""
 SPEEDS = {"real time": 1.0, "1/2": 0.5, "1/4": 0.25, "1/10": 0.1, "1/25": 0.04}
-"""How fast time may pass, by name."""
+"""The speeds at which time may pass, by name."""
 MOST_PUSH = 3.0
 """[N s] The strongest push on a Solo12; on other robots it scales with their weight and speed."""
 FIRST_PUSH = 0.8
-"""[N s] The push to begin with, on a Solo12: most policies recover from it."""
+"""[N s] The initial size of a push, on a Solo12: most policies recover from it."""
 
 
 class Driven(Protocol):
@@ -43,19 +43,19 @@ class Driven(Protocol):
         ...
 
     def let_drive(self, driver: DriverName) -> None:
-        """Say who drives."""
+        """Choose who drives."""
         ...
 
     def push(self, size: float, direction: float) -> None:
-        """Push the robot: an impulse [N s] towards a side of it [deg]."""
+        """Push the robot with an impulse [N s] in a direction [deg]."""
         ...
 
     def pause(self) -> None:
-        """Let time stop, or pass again."""
+        """Stop time, or let it pass again."""
         ...
 
     def set_speed(self, speed: float) -> None:
-        """Say how much time passes per time on the clock."""
+        """Set how much time passes per time on the clock."""
         ...
 
     def reset(self) -> None:
@@ -68,16 +68,16 @@ class Driven(Protocol):
 
 
 def clipped(value: float, low: float, high: float) -> float:
-    """The nearest number within a range; ``low`` for what is not a number."""
+    """The nearest number within a range; ``low`` for NaN."""
     return min(max(value, low), high) if value == value else low
 
 
 class Controls:
-    """The controls of one page, added where the page's controls are added now.
+    """The controls of one page, added at the page's current place for controls.
 
     Args:
         server: The page's server.
-        driven: What they act on.
+        driven: What the controls act on.
     """
 
     def __init__(self, server: viser.ViserServer, driven: Driven) -> None:
@@ -91,13 +91,13 @@ class Controls:
         self._add_time()
 
     def add_driving(self) -> None:
-        """Add the controls of the simulation, where the page's controls are added now."""
+        """Add the controls of the simulation, at the page's current place for controls."""
         self._add_command()
         self._add_pushing()
         self._add_choice()
 
     def _add_command(self) -> None:
-        """Add who drives, the gait, and the sliders of the command."""
+        """Add the controls for the driver, the gait and the command."""
         with self._gui.add_folder("Drive"):
             self._driver = self._gui.add_dropdown("driver", DRIVERS)
             self._driver.on_update(lambda _: self._let_drive())
@@ -117,7 +117,7 @@ class Controls:
         self._add_key("Next gait of those that are walked", "G", self._next_gait)
 
     def _add_pushing(self) -> None:
-        """Add the push."""
+        """Add the controls for pushes."""
         with self._gui.add_folder("Push"):
             self._size = self._gui.add_slider("size [N s]", 0.0, MOST_PUSH, 0.1, FIRST_PUSH)
             self._direction = self._gui.add_slider(
@@ -133,7 +133,7 @@ class Controls:
         self._add_key("Push the robot", "F", self._push)
 
     def _add_time(self) -> None:
-        """Add how time passes."""
+        """Add the controls for time."""
         with self._gui.add_folder("Time"):
             self._speed = self._gui.add_dropdown("speed", tuple(SPEEDS))
             self._speed.on_update(lambda _: self._set_speed())
@@ -145,20 +145,20 @@ class Controls:
         self._add_key("Reset", "R", self._driven.reset)
 
     def _press(self, button: str) -> None:
-        """Do what a button of the time says."""
+        """Do what a button for time says."""
         if button == "Pause":
             self._driven.pause()
         elif button == "Reset":
             self._driven.reset()
 
     def _add_choice(self) -> None:
-        """Add the robot."""
+        """Add the control for the robot."""
         with self._gui.add_folder("Robot"):
             self._robot = self._gui.add_dropdown("robot", tuple(ROBOTS))
             self._robot.on_update(lambda _: self._choose())
 
     def _add_key(self, label: str, key: Any, function: Callable[[], None]) -> None:
-        """Have a key do something; Ctrl-K lists the keys."""
+        """Make a key call a function; Ctrl-K lists the keys."""
         command: Any = self._gui.add_command(label, hotkey=key)
         command.on_trigger(lambda _: function())
 
@@ -168,9 +168,9 @@ class Controls:
         Args:
             robot: Name of the robot.
             gait: Name of the gait.
-            walked: Names of the gaits that can be begun without another simulation.
+            walked: Names of the gaits that can begin without another simulation.
         """
-        self._fitting = True  # what the page is told is not what somebody has asked for
+        self._fitting = True  # values set here are not somebody's choice
         self._walked = tuple(walked)
         self._robot.options = with_names(tuple(ROBOTS), (robot,))
         self._robot.value = robot
@@ -184,9 +184,9 @@ class Controls:
         commands: tuple[Command, Command],
         push_scale: float,
     ) -> None:
-        """Allow what can be done with what is driven now.
+        """Fit the controls to what is driven now.
 
-        The command that is shown afterwards is a slow walk.
+        Afterwards they show the command of a slow walk.
 
         Args:
             drivers: Who can drive; the first one does.
@@ -213,7 +213,7 @@ class Controls:
 
     @property
     def command(self) -> Command:
-        """The command that the sliders show, within its range."""
+        """The command that the sliders show, clipped to its range."""
         values = [slider.value for slider in self._sliders]
         limits = zip(values, self._low, self._high, strict=True)
         return Command(*(clipped(value, low, high) for value, low, high in limits))
@@ -224,7 +224,7 @@ class Controls:
             self._driven.tell(self.command)
 
     def _let_drive(self) -> None:
-        """Let the one drive who was chosen."""
+        """Let the chosen driver drive."""
         if not self._fitting:
             self._driven.let_drive(self._driver.value)
 
@@ -236,12 +236,12 @@ class Controls:
         self._sliders[axis].value = round(clipped(value, low, high), 3)
 
     def _stand(self) -> None:
-        """Bring all sliders to zero, or as near as they come."""
+        """Set all sliders to zero, or as near as their ranges allow."""
         for slider, low, high in zip(self._sliders, self._low, self._high, strict=True):
             slider.value = clipped(0.0, low, high)
 
     def _next_gait(self) -> None:
-        """Ask for the gait after the one that is shown, of those that are walked."""
+        """Ask for the next gait after the one shown, among those that are walked."""
         if self._gait.value in self._walked:
             place = self._walked.index(self._gait.value) + 1
             self._gait.value = self._walked[place % len(self._walked)]
@@ -252,11 +252,11 @@ class Controls:
         self._driven.push(size, clipped(self._direction.value, -180.0, 180.0))
 
     def _set_speed(self) -> None:
-        """Let time pass as was chosen."""
+        """Let time pass at the chosen speed."""
         self._driven.set_speed(SPEEDS.get(self._speed.value, 1.0))
 
     def _choose(self) -> None:
-        """Take another robot or gait."""
+        """Ask for the chosen robot and gait."""
         if not self._fitting:
             self._driven.choose(self._robot.value, self._gait.value)
 

@@ -1,4 +1,4 @@
-"""The page's list of a run's episodes: any of them is opened by its id, and scrubbed.
+"""The page's list of a run's episodes, each of which can be opened by its id and scrubbed.
 
 Read `playback` for how an episode is shown, and `runs.episode_ids` for its id.
 """
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     import viser
 
 ROLLOUT = "the rollout itself"
-"""Stands for the rollout, and not for one of the expert's queries from its states."""
+"""The choice of the rollout, and not of one of the expert's queries from its states."""
 NO_FAILURE = "choose"
-"""Stands for no failed episode."""
+"""The choice of no failed episode."""
 
 
 class Shows(Protocol):
@@ -42,7 +42,7 @@ class Shows(Protocol):
 
 
 class EpisodeList:
-    """The episodes of one run, added where the page's controls are added now.
+    """The episodes of one run, added at the page's current place for controls.
 
     Args:
         server: The page's server.
@@ -51,6 +51,7 @@ class EpisodeList:
 
     Raises:
         RunError: There is no run.
+        ValueError: The run has collected nothing.
     """
 
     def __init__(self, server: viser.ViserServer, folder: Path, shows: Shows) -> None:
@@ -88,7 +89,7 @@ class EpisodeList:
         return EpisodeId(iteration, index, query).number
 
     def show(self, playback: Playback | None) -> None:
-        """Show the moment of an episode; None if none is shown."""
+        """Show the present time of an episode; None if no episode is shown."""
         self._time.disabled = playback is None
         if playback is None:
             return
@@ -121,7 +122,7 @@ class EpisodeList:
 
 
 def episode_counts(run: Run) -> dict[int, int]:
-    """How many rollouts each iteration of a run has collected.
+    """The number of rollouts that each iteration of a run has collected.
 
     Raises:
         ValueError: The run has collected nothing.
@@ -139,6 +140,6 @@ def failed_episodes(run: Run) -> list[int]:
 
 
 def query_count(run: Run) -> int:
-    """How many queries of the expert a rollout of a run may have (LocoDAGGER)."""
+    """The most queries of the expert that a rollout of a run may have (LocoDAGGER)."""
     method = run.config.method
     return method.N_query if isinstance(method, LocoDaggerConfig) else 0

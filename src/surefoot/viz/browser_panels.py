@@ -1,6 +1,6 @@
 """The page's instruments: who drives and how fast, the safety margins as bars, and strip charts.
 
-Each is text or arrays made of a `Snapshot`; `Instruments` puts them into the page. Read `browser`
+Each is text or arrays made from a `Snapshot`; `Instruments` puts them into the page. Read `browser`
 next.
 """
 
@@ -20,25 +20,25 @@ if TYPE_CHECKING:
     import viser
 
 SAFE_COLOR = "#009E73"
-"""Bluish green of the palette of Okabe and Ito."""
+"""Bluish green of Okabe and Ito's palette."""
 NEAR_COLOR = "#E69F00"
 """Orange of the same palette."""
 OUTSIDE_COLOR = "#D55E00"
 """Vermilion of the same palette."""
 NEAR = 0.3
-"""A margin that is smaller is near its bound."""
+"""A margin smaller than this is near its bound."""
 SLOW = 0.9
-"""Below this share of the speed that was asked for, the page says that it is slower."""
+"""Below this fraction of the speed that was asked for, the page says that it is slower."""
 CHART_HEIGHT = 180
 """[pixels]"""
 TILT_SHOWN = 40.0
-"""[deg] Roll and pitch are drawn up to here, either way; the paper's bound is at 25."""
+"""[deg] Roll and pitch are drawn up to this, either way; the paper's bound is at 25."""
 HEIGHT_SHOWN = (0.4, 1.2)
-"""Heights of the center of mass are drawn in this range, as shares of that of a standing robot."""
+"""The range of center of mass heights that is drawn, as multiples of a standing robot's height."""
 
 
 def gait_text(snapshot: Snapshot, gaits: Sequence[str]) -> str:
-    """Which gait is walked, and which one comes next, in words.
+    """The gait that is walked, and the one that comes next, in words.
 
     Args:
         snapshot: The moment.
@@ -53,7 +53,7 @@ def gait_text(snapshot: Snapshot, gaits: Sequence[str]) -> str:
 def status_html(
     snapshot: Snapshot, title: str, speed: float | None, rate: float, note: str, gait: str = ""
 ) -> str:
-    """Who drives what, how fast it is told to go and goes, and whether time passes as asked for.
+    """Who drives what, its commanded and actual velocity, and whether time passes as asked for.
 
     It always has the same number of lines, apart from the note, so that the buttons below it do not
     move under a click.
@@ -61,10 +61,10 @@ def status_html(
     Args:
         snapshot: The moment.
         title: What is driven.
-        speed: Time per time on the clock that was asked for; 0 while it is paused, and
-            None when it is over.
-        rate: The one that was reached.
-        note: What else is to be said; it may be empty.
+        speed: The time per time on the clock that was asked for; 0 while paused, and None once the
+            episode is over.
+        rate: The time per time on the clock that was reached.
+        note: What else there is to say; it may be empty.
         gait: Which gait is walked, in words; it may be empty.
     """
     told = snapshot.command
@@ -89,7 +89,7 @@ def status_html(
 
 
 def failure_html(error: str) -> str:
-    """What the page says after an error that has ended it.
+    """What the page shows after an error that ended it.
 
     Args:
         error: The message of the error.
@@ -131,7 +131,7 @@ def margins_html(margins: tuple[Margin, ...]) -> str:
 
 
 def _badge(text: str, color: str) -> str:
-    """A text on a colored ground."""
+    """A text on a colored background."""
     return (
         f'<span style="background:{color};color:white;padding:0.1em 0.6em;border-radius:4px">'
         f"{html.escape(text)}</span>"
@@ -139,7 +139,7 @@ def _badge(text: str, color: str) -> str:
 
 
 def _driver(snapshot: Snapshot) -> tuple[str, str]:
-    """Who drives, in words, and the color of the words."""
+    """Who drives, in words, and the color for it."""
     if snapshot.damped:
         return "joints damped", INK
     if snapshot.expert_drives:
@@ -154,12 +154,12 @@ def _row(name: str, *values: float) -> str:
 
 
 def _ending(snapshot: Snapshot) -> str:
-    """How the episode has ended and what to do then; nothing before."""
+    """How the episode ended, and what to do next; empty until then."""
     return _badge(f"{snapshot.ended}: press Reset", INK) if snapshot.ended else ""
 
 
 def _tempo(speed: float | None, rate: float) -> str:
-    """How fast time passes, in words; a line without any where it is over."""
+    """How fast time passes, in words; a blank line once the episode is over."""
     if speed is None:
         return "&nbsp;"
     if speed == 0.0:
@@ -170,10 +170,10 @@ def _tempo(speed: float | None, rate: float) -> str:
 
 
 class Instruments:
-    """The instruments of one page, in a panel of their own.
+    """The instruments of one page, in a separate panel.
 
     Args:
-        server: The page's server; the status is added where its controls are added now.
+        server: The page's server; the status is added at its current place for controls.
     """
 
     def __init__(self, server: viser.ViserServer) -> None:
@@ -191,7 +191,7 @@ class Instruments:
         """Choose the ranges of the charts.
 
         Args:
-            com_height: Height of the robot's center of mass when it stands [m].
+            com_height: Height of the center of mass of the standing robot [m].
         """
         low, high = HEIGHT_SHOWN
         self._tilt.scales = _scales(-TILT_SHOWN, TILT_SHOWN)
@@ -239,7 +239,7 @@ def _add_chart(server: viser.ViserServer, lines: dict[str, str]) -> viser.GuiUpl
 
 
 def _scales(low: float, high: float) -> dict[str, viser.uplot.Scale]:
-    """The scales of a chart: time as it comes, values in a fixed range."""
+    """The scales of a chart: time adjusts itself, values have a fixed range."""
     from viser import uplot
 
     return {"x": uplot.Scale(time=False), "y": uplot.Scale(auto=False, range=(low, high))}

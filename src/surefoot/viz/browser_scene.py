@@ -1,8 +1,8 @@
-"""What stands in the page's three-dimensional view: robot, floor, contact forces, plan and push.
+"""The contents of the page's three-dimensional view: robot, floor, contact forces, plan and push.
 
 The robot is drawn from its model, whichever simulator moves it: with the meshes of its description,
-or else with the shapes that meet the ground. The world moves below the robot, so that the robot
-stays in view wherever it walks. Read `browser` next.
+or otherwise with the shapes that touch the ground. The world moves below the robot, so that the
+robot stays in view wherever it walks. Read `browser` next.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ logger = logging.getLogger(__name__)
 Color = tuple[int, int, int]
 """Red, green and blue, 0 to 255."""
 FORCE_COLOR: Color = (0, 158, 115)
-"""Bluish green of the palette of Okabe and Ito."""
+"""Bluish green of Okabe and Ito's palette."""
 COM_COLOR: Color = (204, 121, 167)
 """Reddish purple of the same palette."""
 LEG_COLORS = np.array([(230, 159, 0), (86, 180, 233), (240, 228, 66), (0, 114, 178)], np.uint8)
@@ -36,27 +36,27 @@ LEG_COLORS = np.array([(230, 159, 0), (86, 180, 233), (240, 228, 66), (0, 114, 1
 PUSH_COLOR: Color = (213, 94, 0)
 """Vermilion of the same palette."""
 MARK = 0.01
-"""[m] Radius of the ball on a Solo12's floor, and height of its line."""
+"""[m] Radius of the ball below a Solo12's center of mass, and height of its planned path."""
 FOOTHOLD = 0.013
-"""[m] Radius of the footholds on a Solo12's floor."""
+"""[m] Radius of a Solo12's footholds on the floor."""
 ABOVE = 0.07
-"""[m] A push is drawn so far above a Solo12's base, where nothing hides it."""
+"""[m] A push is drawn this far above a Solo12's base, where nothing hides it."""
 SHAPE_COLOR: Color = (150, 156, 166)
-"""The parts of a robot without meshes."""
+"""Color of the parts of a robot without meshes."""
 FOOT_COLOR: Color = (48, 52, 60)
-"""The feet of a robot without meshes."""
+"""Color of the feet of a robot without meshes."""
 WEIGHT_LENGTH = 0.2
-"""[m] An arrow of this length is a force of a Solo12's weight; larger robots have longer ones."""
+"""[m] Length of an arrow for a force of a Solo12's weight; larger robots have longer arrows."""
 PUSH_LENGTH = 0.5
-"""[s] The length of a push's arrow over the velocity that it gives a Solo12."""
+"""[s] Length of a push's arrow divided by the velocity that the push gives a Solo12."""
 FOLLOW = 0.2
-"""Share of the way to the robot that the world moves in each picture."""
+"""Fraction of the distance to the robot that the world moves in each picture."""
 JUMP = 0.5
-"""[m] A robot that is so far away has been put there: the world follows at once."""
+"""[m] A Solo12 that is this far away was placed there, so the world follows immediately."""
 EYE = np.array([0.75, -0.85, 0.45])
-"""[m] Where a Solo12 is looked at from, relative to below its base."""
+"""[m] Position of the camera for a Solo12, relative to the floor below its base."""
 AIM = np.array([0.0, 0.0, 0.12])
-"""[m] The point that is looked at."""
+"""[m] The point that the camera looks at."""
 
 
 class RobotScene:
@@ -109,7 +109,7 @@ class RobotScene:
         )
 
     def look(self) -> None:
-        """Put the camera of every page where this robot is seen whole."""
+        """Put the camera of every page where it sees the whole robot."""
         eye = self._scale * EYE
         aim = self._scale * AIM
         camera: Any
@@ -121,7 +121,7 @@ class RobotScene:
             camera.look_at = aim
 
     def show(self, snapshot: Snapshot) -> None:
-        """Show a moment; of a robot whose numbers have run away, the last one before."""
+        """Show a moment; if the simulation has blown up, the last moment before that stays."""
         state = snapshot.state
         if not (np.isfinite(state.q).all() and np.isfinite(state.feet).all()):
             return
@@ -145,26 +145,26 @@ class RobotScene:
         self._world.position = np.append(-self._center, 0.0)
 
     def _show_forces(self, feet: Array, force: Array | None) -> None:
-        """Draw an arrow at each foot that carries something."""
+        """Draw an arrow at each foot that carries a force."""
         per_newton = WEIGHT_LENGTH * self._scale / (self.robot.mass * GRAVITY)
         for leg, arrow in enumerate(self._forces):
             carries = force is not None and bool(force[leg] > 0.0)
             arrow.visible = carries
             if force is None or not carries:
                 continue
-            # Pages move things at once, and change their shapes later.
+            # Pages move things immediately, and change their shapes later.
             arrow.position = feet[leg] - np.array([0.0, 0.0, self.robot.foot_radius])
             end = [0.0, 0.0, per_newton * force[leg]]
             arrow.points = np.array([[np.zeros(3), end]], np.float32)
 
     def _show_plan(self, plan: ShownPlan | None) -> None:
-        """Draw the planned way of the center of mass, on the floor, and where feet are to stand."""
+        """Draw the planned path of the center of mass on the floor, and where feet are to stand."""
         self._com.visible = plan is not None
         self._footholds.visible = plan is not None
         if plan is None or plan.tick == self._plan_tick:
             return
         self._plan_tick = plan.tick
-        # Relative to where the plan begins, one plan is nearly as the one before.
+        # Relative to where the plan begins, each plan is nearly the same as the one before.
         begin = np.append(plan.com[0, :2], MARK * self._scale)
         on_floor = (1.0, 1.0, 0.0)
         way = (plan.com - begin) * on_floor
@@ -178,7 +178,7 @@ class RobotScene:
         self._footholds.colors = LEG_COLORS[plan.legs]
 
     def _show_push(self, base: Array, push: Array | None) -> None:
-        """Draw the last push as an arrow that ends above the base."""
+        """Draw the last push as an arrow whose tip is above the base."""
         self._push.visible = push is not None
         if push is None:
             return
@@ -203,7 +203,7 @@ class RobotScene:
         )
 
     def _add_arrow(self, name: str, color: Color, radius: float) -> viser.ArrowsHandle:
-        """Add an arrow whose shaft has this radius [m], not yet to be seen."""
+        """Add an arrow with a shaft of this radius [m], hidden at first."""
         return self._server.scene.add_arrows(
             f"/world/{name}",
             np.zeros((0, 2, 3)),
@@ -215,7 +215,7 @@ class RobotScene:
         )
 
     def _add_parts(self) -> None:
-        """Add the meshes of the robot to its links; where there are none, its shapes."""
+        """Add the meshes of the robot to its links, or its shapes if there are no meshes."""
         try:
             meshes = visual_meshes(self.robot)
         except ValueError as error:

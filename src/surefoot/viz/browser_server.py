@@ -1,9 +1,9 @@
-"""The page's server: on this machine only, for pages of its own only.
+"""The page's server: on this machine only, and only for its own pages.
 
-viser serves the page and keeps it up to date over a websocket. What it offers beyond that is
-switched off: a tunnel to the internet, which any page could ask for, and websockets for pages of
-other sites, which a browser would open on their behalf. Messages of a page hold numbers and names,
-nothing that is run. Read `browser` next.
+viser serves the page and keeps it up to date over a websocket. Its other services are switched off:
+a tunnel to the internet, which any page could ask for, and websockets for pages of other sites,
+which a browser would open on their behalf. Messages from a page hold numbers and names, nothing
+that is executed. Read `browser` next.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ if TYPE_CHECKING:
 HOST = "127.0.0.1"
 """The page can be reached from this machine only."""
 OWN_PAGES = re.compile(r"http://(127\.0\.0\.1|localhost)(:\d+)?")
-"""Where a page comes from that may open a websocket."""
+"""The origins of pages that may open a websocket."""
 
 
 def open_server(port: int) -> viser.ViserServer:
     """Start a server for pages on this machine.
 
     Args:
-        port: The port; if it is taken, the next one that is free. 0 takes any.
+        port: The port; if it is taken, the next free one is used. 0 takes any.
 
     Raises:
         ImportError: viser is missing.
@@ -41,10 +41,10 @@ def open_server(port: int) -> viser.ViserServer:
         raise ImportError(message) from error
 
     class LocalServer(viser.ViserServer):
-        """A server that gives nobody a way in from outside."""
+        """A server that cannot be reached from outside."""
 
         def request_share_url(self, verbose: bool = True) -> str | None:
-            """Refuse what a page may ask for: a tunnel through which everybody could reach it."""
+            """Refuse what a page may ask for: a tunnel through which anybody could reach it."""
             return None
 
     # Browsers open connections that they do not use; each would be reported as a failure.
@@ -65,9 +65,10 @@ def address_of(server: viser.ViserServer) -> str:
 
 @contextmanager
 def _own_pages_only() -> Iterator[None]:
-    """Have servers that are started meanwhile refuse websockets for pages of other sites.
+    """Make servers that start meanwhile refuse websockets for pages of other sites.
 
-    viser passes no origins on, but websockets checks them. Programs that are no browsers send none.
+    viser passes on no origins, but websockets would check them. Programs other than browsers send
+    none.
     """
     from websockets.asyncio import server
 

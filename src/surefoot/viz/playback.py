@@ -1,8 +1,8 @@
-"""A recorded episode as something a page can show: it passes in real time, or is scrubbed.
+"""A recorded episode as something that a page can show, in real time or scrubbed.
 
 The episode is played out again, bit for bit (`replay.recorded_episode`), and then shown from
-memory. On a ground of their own, robots are shown with heights above the ground that their feet
-feel, as bounds and falls are judged; the floor that is drawn is level. Read `snapshot` for what is
+memory. On uneven ground, robots are shown at their height above the ground that their feet feel, by
+which bounds and falls are judged; the floor that is drawn is level. Read `snapshot` for what is
 shown.
 """
 
@@ -59,7 +59,7 @@ class Playback:
 
     Attributes:
         robot: The robot.
-        length: Number of its ticks [ms].
+        length: Number of ticks of the episode [ms].
 
     Raises:
         ValueError: The episode was over before its first tick.
@@ -71,7 +71,7 @@ class Playback:
         if self.length == 0:
             raise ValueError("the episode was over before its first tick; there is nothing to show")
         self._rollouts = rollouts
-        # `Rollout` has the fields of a state, with ticks that did not happen behind the length.
+        # `Rollout` has the fields of a state, and beyond the length, ticks that did not happen.
         states = State(
             rollouts.q[0, : self.length],
             rollouts.v[0, : self.length],
@@ -105,11 +105,11 @@ class Playback:
         return self._trace[max(end - to_ticks(TRACE_SECONDS) // SAMPLE_TICKS, 0) : end]
 
     def step(self, ticks: int) -> None:
-        """Let time pass [ms]; not beyond the last tick."""
+        """Let time pass [ms], but not beyond the last tick."""
         self.seek(self._now + ticks)
 
     def seek(self, tick: int) -> None:
-        """Show another tick: the nearest one that there is [ms]."""
+        """Show another tick [ms], or the nearest one that exists."""
         self._now = min(max(tick, 0), self.length - 1)
 
     def snapshot(self) -> Snapshot:
@@ -128,7 +128,7 @@ class Playback:
         )
 
     def _push(self) -> Array | None:
-        """``(3,)`` the last push of the last 0.6 s, world frame [N s]; None without one."""
+        """``(3,)`` the latest push of the last 0.6 s, world frame [N s]; None if there is none."""
         pushes = self._rollouts.disturbance.pushes
         if pushes is None:
             return None
@@ -146,13 +146,13 @@ class Playback:
 def felt_heights(states: State, foot_radius: float, first: float) -> Array:
     """``(n,)`` the height of the ground as a robot's feet felt it, tick by tick [m].
 
-    It is that of the engine (`rollouts.engine`), without the noise of sensors that is in
-    `Rollout.seen`: what was felt last holds through a flight.
+    It is that of the engine (`rollouts.engine`), without the sensor noise in `Rollout.seen`: while
+    all feet are in the air, the last felt height stays.
 
     Args:
         states: ``(n, ...)`` the states of one robot, one after another.
         foot_radius: The radius of the foot spheres [m].
-        first: The height that was felt before the first of them [m].
+        first: The height that was felt before the first state [m].
     """
     felt = ground_height(states, foot_radius, np.full(len(states.q), np.nan))
     latest = np.maximum.accumulate(np.where(np.isnan(felt), -1, np.arange(len(felt))))
@@ -160,15 +160,15 @@ def felt_heights(states: State, foot_radius: float, first: float) -> Array:
 
 
 def open_episode(folder: Path, episode: int) -> Playback:
-    """Play an episode of a run out again, and show it from its beginning; takes seconds.
+    """Play out an episode of a run again, to be shown from its beginning; this takes seconds.
 
     Args:
         folder: Folder of the run.
         episode: Id of the episode.
 
     Raises:
-        RunError: There is no run, or its expert's plans at the fixed states were others.
-        FileNotFoundError: The policy or gate that drove is lost.
+        RunError: There is no run, or its expert's plans at the fixed states were different.
+        FileNotFoundError: The policy or gate that drove is missing.
         ValueError: The run has no such episode, it was over at once, or its expert has another
             name.
     """

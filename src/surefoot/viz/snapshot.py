@@ -1,7 +1,7 @@
 """What a page shows of one moment of one robot, simulated live or recorded.
 
-`live` and `playback` make a `Snapshot`; `browser_scene` and `browser_panels` show it. None of them
-knows how the robot came there. Read `live` next.
+`live` and `playback` make a `Snapshot`; `browser_scene` and `browser_panels` show it, and do not
+depend on where it came from. Read `live` next.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ SAMPLE_TICKS = 20
 TRACE_SECONDS = 10.0
 """[s] How much of the past a trace holds."""
 MEAN_SECONDS = 0.5
-"""[s] The velocity that is shown is a mean over this time: a period of the trot."""
+"""[s] The velocity that is shown is a mean over this time, a period of the trot."""
 PUSH_SHOWN = 600
 """[ms] Time for which a push is shown; it lasts 10 ms."""
 LEAST_MARGIN = 1e-3
-"""[m, rad] A quantity that is nearer to its bound in the nominal pose counts as if it were here."""
+"""[m, rad] A quantity that is nearer to its bound in the nominal pose counts as this far away."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ShownPlan:
     """What is drawn of one plan of the expert, in the world frame.
 
     Attributes:
-        tick: Gait clock at which it was made [ms].
+        tick: Gait clock at which the plan was made [ms].
         com: ``(N + 1, 3)`` planned center of mass [m].
         footholds: ``(k, 3)`` where feet are planned to stand [m].
         legs: ``(k,)`` the leg of each foothold, an index into `LEGS`.
@@ -53,8 +53,8 @@ class Margin:
 
     Attributes:
         name: Name of the quantity.
-        share: Its distance as a share of that in the nominal pose: 1 there, 0 at the bound, and
-            negative outside. Of joints, the smallest share among the four legs.
+        share: Its distance as a fraction of that in the nominal pose: 1 there, 0 at the bound, and
+            negative outside. For joints, the smallest fraction among the four legs.
     """
 
     name: str
@@ -67,7 +67,7 @@ class Snapshot:
 
     Attributes:
         seconds: Time since the start [s].
-        state: The state of one robot, as it is; heights are those above the ground that it feels.
+        state: The true state of one robot, with heights above the ground that it feels.
         command: The velocity that is commanded.
         velocity: Mean velocity over the last 0.5 s: vx, vy [m/s] in the heading frame, and yaw rate
             [rad/s].
@@ -75,11 +75,12 @@ class Snapshot:
         margins: How far the robot is from the bounds of the safety table.
         force: ``(4,)`` normal force on each foot [N]; None where it was not recorded.
         plan: The expert's last plan, if it is still followed.
-        push: ``(3,)`` impulse of a push of the last 0.6 s, world frame [N s]; None without one.
-        ended: Why the episode is over, in words; empty while it goes on.
-        damped: True once nobody drives: the joints are damped.
+        push: ``(3,)`` impulse of a push in the last 0.6 s, world frame [N s]; None if there is
+            none.
+        ended: Why the episode is over, in words; empty until then.
+        damped: True once nobody drives and the joints are damped.
         gait: The number of the gait that is walked.
-        asked_gait: That of the gait that was asked for, which begins soon if it is another one.
+        asked_gait: The number of the gait that was asked for, which begins soon if it differs.
     """
 
     seconds: float
@@ -112,12 +113,12 @@ class Source(Protocol):
 
     @property
     def over(self) -> bool:
-        """Whether no time can pass any more."""
+        """Whether no more time can pass."""
         ...
 
     @property
     def trace(self) -> Array:
-        """``(n, 7)`` the last 10 s, row by row as `trace_rows` gives them."""
+        """``(n, 7)`` the last 10 s, with rows as `trace_rows` gives them."""
         ...
 
     def step(self, ticks: int) -> None:
@@ -166,7 +167,7 @@ class MarginMeter:
 def trace_rows(state: State, tick: Array | IntArray) -> Array:
     """Rows of a trace ``(n, 7)``, one for each of n states of one robot.
 
-    They hold the time [s], roll and pitch [rad], the height of the center of mass [m], and vx, vy
+    Each holds the time [s], roll and pitch [rad], the height of the center of mass [m], and vx, vy
     [m/s] and yaw rate [rad/s] in the heading frame.
 
     Args:
@@ -184,18 +185,18 @@ def trace_rows(state: State, tick: Array | IntArray) -> Array:
 
 
 def mean_velocity(trace: Array) -> tuple[float, float, float]:
-    """The mean vx, vy and yaw rate of the last 0.5 s of a trace; zeros without one."""
+    """The mean vx, vy and yaw rate over the last 0.5 s of a trace; zeros if the trace is empty."""
     rows = trace[-round(MEAN_SECONDS * TICKS_PER_SECOND / SAMPLE_TICKS) :, 4:]
     vx, vy, yaw_rate = rows.mean(axis=0).tolist() if len(rows) else (0.0, 0.0, 0.0)
     return vx, vy, yaw_rate
 
 
 def to_world(points: Array, state: State) -> Array:
-    """Points ``(..., 3)`` of the planning frame, below the base and in its heading, in the world.
+    """Points ``(..., 3)`` of the planning frame, below the base along its heading, in the world.
 
     Args:
         points: ``(..., 3)`` points in the planning frame [m].
-        state: The state of one robot, from which it was planned.
+        state: The state of one robot, from which the plan was made.
     """
     world = np.array(points, dtype=float)
     world[..., :2] = from_heading(world[..., :2], state.heading) + state.q[:2]
