@@ -205,7 +205,7 @@ class Page:
             self._scene.look()
 
     def _fit(self) -> None:
-        """Fit the controls and charts to what is driven, and tell the robot what controls show."""
+        """Fit controls and charts to what is driven, and set the driver and command they show."""
         size = size_of(self.live.robot)
         self._instruments.fit(size.com_height)
         # This push makes robots of all sizes equally fast relative to their size.

@@ -36,7 +36,7 @@ Clock = Callable[[], float]
 class Pace:
     """How many ticks are due, and how much time passes in the simulation per time on the clock.
 
-    Time that could not be simulated is lost: the simulation does not catch up after a slow phase.
+    Time that could not be simulated is lost: the simulation does not catch up after a slow second.
 
     Args:
         clock: The clock.
@@ -162,7 +162,7 @@ class LiveLoop:
                 self._stopping.wait(IDLE_SECONDS)
 
     def _make_calls(self) -> None:
-        """Call what other threads have handed over; an error is reported, and does not end this."""
+        """Call what other threads have handed over; an error is reported, and ends nothing."""
         while True:
             try:
                 function = self._calls.get_nowait()

@@ -32,7 +32,7 @@ GRAY = "#666666"
 PALETTE = (BLUE, RED, GREEN, "#CC79A7", "#E69F00", "#56B4E9", GRAY, "#F0E442", "#7B4FA3")
 """Colors of the methods; the ninth, a violet, is not from that palette. The expert is black."""
 MOST_LABELS = 12
-"""Most iterations named on the axis; of more, every second, every third, and so on."""
+"""Maximum number of iterations named on the axis; of more, every second, every third, and so on."""
 STYLE: dict[RcKeyType, Any] = {
     "font.size": 11,
     "axes.titlesize": 12,

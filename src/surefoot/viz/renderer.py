@@ -107,7 +107,7 @@ def pictures(
 
 
 def _drawn_elsewhere(share: tuple[Any, ...], cores: int) -> Generator[bytes, None, None]:
-    """Draw in another process; yield an empty string once it has started, then raw pictures.
+    """Draw in another process; yield empty bytes once it has started, then raw pictures.
 
     Args:
         share: What `draw_pictures` reads: model, configurations, cameras, size.

@@ -93,7 +93,8 @@ def recorded_episode(
     Raises:
         RunError: There is no run, or its expert's plans at the fixed states were different.
         FileNotFoundError: The policy or gate that drove is missing.
-        ValueError: The run has no such episode, or its expert has another name.
+        ValueError: The run has no such episode, a robot recorded it, or its expert has another
+            name.
     """
     run = open_run(folder)
     place = _place_of(episode, iteration)

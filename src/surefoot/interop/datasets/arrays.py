@@ -36,7 +36,7 @@ REQUIRED = {"q": 19, "v": 18, "torque": 12, "command": 3, "tick": 0}
 OPTIONAL = {"episode": 0, "outcome": 0, "contacts": 4, "expert_drove": 0, "applied": 12}
 """The arrays that a log may have."""
 GROUNDED = 0.005
-"""[m] If a log has no contacts, a foot whose sphere is at most this high is in contact."""
+"""[m] If a log has no contacts, a foot is in contact up to this height of its sphere."""
 WINDOW = 10
 """[ms] Velocities are compared with the motion over this time."""
 UNIT = 1e-2

@@ -1,4 +1,4 @@
-"""Export in the layout of LeRobotDataset v3.0, written with pyarrow alone.
+"""Export in the layout of LeRobotDataset v3.0, written with pyarrow and pandas, without LeRobot.
 
 The folder data holds the frames, with many episodes in each Parquet file; meta holds info.json, the
 episodes with their statistics, the tasks and the statistics of all frames. The observation and the
@@ -40,7 +40,7 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND
 VERSION = "v3.0"
 """The version of the layout."""
 FRAMES_PER_FILE = 100_000
-"""A Parquet file ends with the episode that reaches this number of frames, about 60 MB."""
+"""A Parquet file ends with the episode in which it reaches this many frames, about 60 MB."""
 FILES_PER_CHUNK = 1000
 """Number of files in a folder."""
 QUANTILES = (0.01, 0.1, 0.5, 0.9, 0.99)

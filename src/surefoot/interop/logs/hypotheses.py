@@ -68,7 +68,7 @@ class Hypothesis(NamedTuple):
         terms: The fields of the log that would be wrong.
         kind: As in `differences.Explanation`.
         text: What would be wrong, in words.
-        change: Makes the log as it should have been.
+        change: Changes a log as the hypothesis says.
     """
 
     terms: Terms
@@ -310,7 +310,7 @@ def _most_likely(
 
     Args:
         log: The log.
-        error: The error of a log after the change of a hypothesis.
+        error: Gives the error of a log that a hypothesis has changed.
         size: How much the compared numbers vary.
         only: The only terms that may be wrong; None for any.
     """

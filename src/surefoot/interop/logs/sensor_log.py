@@ -37,7 +37,7 @@ SUFFIXES = (".npz", ".csv")
 """The file name endings of logs."""
 AXES = ("x", "y", "z")
 UNIT = 0.05
-"""A quaternion whose length differs from 1 by more than this is refused, as by the runtime."""
+"""A quaternion whose length differs from 1 by more is refused, much as by the runtime."""
 _COMPONENTS: Mapping[str, tuple[str, ...]] = {
     "time_ns": (),
     "tick": (),
