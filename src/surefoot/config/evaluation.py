@@ -30,8 +30,9 @@ class EvaluationConfig(Checked):
 class PushConfig(Checked):
     """Push recovery: impulses on the base of a trotting robot (paper, IV-F).
 
-    Robots begin in the first perturbation of a split, at all phases (ten) for each command, and are
-    pushed at 2 s (the paper's research code: 100 robots a level, between 0.5 and 3 N s).
+    Robots begin in the first perturbation of a split, at all phases (ten of a trot) for each
+    command, and are pushed at 2 s (the paper's research code: 100 robots a level, between 0.5 and
+    3 N s).
     """
 
     section: ClassVar[str] = "push"

@@ -106,7 +106,7 @@ class PolicyUse:
 
 
 def write_policy_card(policy: Policy, file: Path, use: PolicyUse) -> Path | None:
-    """Write the card of a policy next to its file, which must exist.
+    """Write the card of a policy next to its file.
 
     Args:
         policy: The policy.

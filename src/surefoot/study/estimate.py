@@ -35,6 +35,7 @@ from surefoot.evaluation import imitation
 from surefoot.files import write_json
 from surefoot.runs.budget import first_allowance, solves_of
 from surefoot.runs.versions import processor
+from surefoot.scenarios.make import cycle_instants
 from surefoot.scenarios.prepare import completed
 from surefoot.study.cells import StudyJob, cell_config, measurements_of
 from surefoot.study.layout import ESTIMATE_FILE
@@ -45,8 +46,6 @@ T = TypeVar("T")
 
 PLANS_PER_SECOND = TICKS_PER_SECOND / GRID
 """MPC solves for each second that the expert drives or is asked."""
-PHASES = 10
-"""Number of phases of a trot at which stored initial states begin; other gaits have their own."""
 STARTING = 8.0
 """Time that a process takes to start: for imports, and for loading compiled code [s]."""
 SHARE_OF_EXPERT = 0.1
@@ -149,12 +148,12 @@ def first_work(config: Config) -> Work:
     """The work of making the first data and of training the first policy on it."""
     method = config.method
     if isinstance(method, BehaviorCloningConfig):
-        work = _paid_by(first_allowance(config), expert_work(method.data))
+        work = _paid_by(first_allowance(config), expert_work(config, method.data))
         most = work.robot_seconds * TICKS_PER_SECOND
         for size in [*method.frames, most] if method.all_frames else method.frames:
             work = work + _training_steps(config, min(size, most), method.training)
         return work
-    data = _paid_by(first_allowance(config), expert_work(method.pretraining))
+    data = _paid_by(first_allowance(config), expert_work(config, method.pretraining))
     frames = data.robot_seconds * TICKS_PER_SECOND
     return data + _training_steps(config, frames, method.first_training)
 
@@ -172,7 +171,7 @@ def training_work(config: Config) -> Work:
     if config.budget.expert_seconds is not None and allowed is not None:
         left = solves_of(config.budget.expert_seconds) - allowed
         share = left // max(method.iterations, 1)
-    data = _paid_by(allowed, expert_work(method.pretraining))
+    data = _paid_by(allowed, expert_work(config, method.pretraining))
     frames = data.robot_seconds * TICKS_PER_SECOND
     rollouts = method.velocities * method.perturbations
     for i in range(1, method.iterations + 1):
@@ -224,7 +223,7 @@ def _measurement_work(measurement: Measurement, config: Config, is_expert: bool)
         return Work(seconds * PLANS_PER_SECOND, seconds)
     if measurement.measure == "impulse":
         push = measured.push
-        robots = push.speeds * PHASES
+        robots = push.speeds * _phases(config)
         levels = TRIED_LEVELS * np.log2(push.levels)
         seconds = robots * (push.before + push.after * (1 + push.directions * levels))
     else:
@@ -239,9 +238,14 @@ def _measurement_work(measurement: Measurement, config: Config, is_expert: bool)
     return Work(robot_seconds=seconds * policies)
 
 
-def expert_work(data: ExpertData) -> Work:
+def _phases(config: Config) -> int:
+    """The number of phases of the gait at which stored initial states begin."""
+    return len(cycle_instants(config.gait))
+
+
+def expert_work(config: Config, data: ExpertData) -> Work:
     """The work of expert rollouts."""
-    rollouts = data.velocities * (PHASES * data.perturbations + int(data.nominal))
+    rollouts = data.velocities * (_phases(config) * data.perturbations + int(data.nominal))
     seconds = rollouts * data.duration
     return Work(seconds * PLANS_PER_SECOND, seconds)
 

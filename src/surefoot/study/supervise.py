@@ -128,7 +128,7 @@ def _wait(
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a process and all that it started, after some seconds to end by itself."""
+    """Ask a process and all that it started to end; kill them if it has not within some seconds."""
     _signal(process, signal.SIGCONT)
     _signal(process, signal.SIGTERM)
     try:

@@ -186,8 +186,8 @@ class TwinDriver:
 def damping_of(robot: RobotModel) -> float:
     """The joint damping of a latched robot [N m s/rad].
 
-    ODRI's driver uses 0.2 for Solo12, and Unitree's examples use 3 for robots of Go2's size: both
-    are about a fourteenth of the torque limit, per rad/s.
+    It is the smallest torque limit over 13.5, per rad/s: 0.2 for Solo12, as in ODRI's driver, and
+    1.76 for Go2, where Unitree's examples use 3.
 
     Args:
         robot: The robot.

@@ -60,7 +60,7 @@ class Twin:
     channel: Channel
 
     def serve(self, lockstep: bool = False, running: Callable[[], bool] = lambda: True) -> None:
-        """Serve runtimes until told to stop; the robot is set up again for each new one.
+        """Serve runtimes until told to stop; after each one the robot is set up again.
 
         Args:
             lockstep: Whether there is one tick for each command, instead of one each millisecond.

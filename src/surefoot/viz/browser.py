@@ -41,6 +41,7 @@ class Page:
     Raises:
         ImportError: viser, or the physics engine, is missing.
         RunError: There is no such run.
+        ValueError: The run has collected nothing yet.
     """
 
     def __init__(self, setup: LiveSetup, run: Path | None = None, port: int = 8080) -> None:

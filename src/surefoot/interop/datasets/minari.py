@@ -2,7 +2,8 @@
 
 An episode of n frames becomes n observations and n - 1 transitions of the environment at 1000 Hz
 (`gym.env`). An action is the expert's answer, in the environment's unit; where `expert_drove` is
-False, another action was applied. Rewards are those of the environment for the expert's torque.
+False, another action was applied. Rewards are those of the environment: for the recorded motion,
+and for the effort of the expert's torque.
 """
 
 from __future__ import annotations

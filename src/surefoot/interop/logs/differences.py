@@ -1,7 +1,6 @@
 """How two recordings of the same numbers differ: another order, sign, scale, frame, or time.
 
-A wiring mistake on a robot is mostly one of these. `explain` tries them one after the other, the
-simplest first, and says in words which one makes the two agree. Read `replay` for the recordings
+A wiring mistake on a robot is mostly one of these. `explain` tries them one after the other, and says in words which one makes the two agree. Read `replay` for the recordings
 that are compared.
 """
 

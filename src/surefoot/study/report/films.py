@@ -1,7 +1,7 @@
 """Short films for a study's page: each technique's best policy and the expert, pushed the same way.
 
 The policy of a technique is the one that succeeds most often in the first measurement of
-robustness, under the study's first setting. The robot trots from standing and gets the same push
+robustness, under the study's first setting. The robot walks from standing and gets the same push
 from the side. The films are parts of the page, so the page stays a single file.
 """
 
@@ -118,7 +118,7 @@ def expert_cells(results: StudyResults) -> list[tuple[Technique, CellResult]]:
 
 
 def film_policy(title: str, config: Config, policy: Path | None, run: str) -> Filmed:
-    """Film a policy, or the expert, as it trots from standing and is pushed.
+    """Film a policy, or the expert, as it walks from standing and is pushed.
 
     Args:
         title: Name of the technique in figures.

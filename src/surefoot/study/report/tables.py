@@ -81,6 +81,7 @@ def _panel_table(figure: ReportFigure, panel: Panel) -> Markup:
     rows = [row for curve in curves for row in _curve_rows(figure, quantity, curve)]
     place = {
         "iterations": ("iteration",),
+        "policies": ("policy",),
         "frames": ("policy", "frames, mean"),
         "directions": ("direction [deg]",),
         "techniques": (),
