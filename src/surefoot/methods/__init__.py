@@ -25,11 +25,11 @@ class Method:
     """An imitation method.
 
     Attributes:
-        train: ``train(run, workers, plan)`` trains a policy and returns its file; without a plan
-            (None) the expert is the BiConMP-style planner.
-        collection: ``collection(run, i, plan)`` returns the rollouts of iteration i, as a job
-            to run.
-        title: Name of the method as the literature writes it.
+        train: ``train(run, workers, plan)`` trains a policy and returns its file; if plan is None,
+            the expert is the BiConMP-style planner.
+        collection: ``collection(run, i, plan)`` returns the job that runs the rollouts of
+            iteration i.
+        title: Name of the method as it is written in the literature.
     """
 
     train: Callable[[Run, Workers, PlanFunction | None], Path]
@@ -49,4 +49,4 @@ METHODS = {
     ),
     "dart": Method(dart.dart, dart.collection, "DART"),
 }
-"""The methods by name, DART after the paper's; their parameters are in `config.methods`."""
+"""The methods by name, the paper's first and then DART; `config.methods` has their parameters."""

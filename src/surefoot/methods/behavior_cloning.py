@@ -3,8 +3,8 @@
 D <- collect rollout data from the expert
 train pi on D
 
-The paper compares with it at several sizes of D: each policy of the series is trained from scratch
-on the first whole episodes in a random order (`runs.stages.first_frames`).
+The paper uses it as a baseline at several sizes of D: each policy of the series is trained from
+scratch on the first whole episodes of D in a random order (`runs.stages.first_frames`).
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = Non
     """Clone the expert; the run's folder gets data, policies and metrics.
 
     Args:
-        run: An open run, new or to be resumed.
+        run: An open run, new or resumed.
         workers: Processes that run the rollouts; the result does not depend on them.
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
     Returns:
-        File of the policy that was trained on all frames, or on the largest size of the series.
+        File of the policy that was trained on all frames, or else on the last size of the series.
 
     Raises:
         TypeError: The run was configured for another method.
@@ -48,7 +48,7 @@ def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = Non
     # D <- collect rollout data from the expert
     collect_data(run, 0, collection(run, 0, plan), workers)
 
-    # Train pi on the first episodes of D in a random order, a policy for each size of the series
+    # Train one policy for each size of the series, on the first episodes of D in a random order
     for size, frames in enumerate(method.frames):
         train_policy(run, size, method.training, first_frames(run, frames), fresh=True)
         validate_policy(run, size, workers)
@@ -67,7 +67,7 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     """The expert rollouts to clone; there is only iteration 0.
 
     Raises:
-        ValueError: Another iteration is asked for.
+        ValueError: The iteration is not 0.
     """
     if i != 0:
         raise ValueError(f"behavior cloning collects once; there is no iteration {i}")

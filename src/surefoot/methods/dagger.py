@@ -7,9 +7,9 @@ for i = 1 .. N + 1:
     train pi_{i+1} on D
 return the best pi_i on validation
 
-beta_1 = 1: the first iteration is the expert alone, on the rollouts with which the other methods
-pre-train. N more follow, as with these methods; Algorithm 1 counts N in all. A run numbers from 0:
-its iteration k is i = k + 1, so beta = p^k.
+Since beta_1 = 1, the expert alone drives in the first iteration, in the same rollouts that the
+other methods use for pre-training. N more iterations follow, as in those methods; Algorithm 1
+counts N in all. A run counts from 0: its iteration k is i = k + 1, so beta = p^k.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
     """Train a policy with DAGGER; the run's folder gets data, policies and metrics.
 
     Args:
-        run: An open run, new or to be resumed.
+        run: An open run, new or resumed.
         workers: Processes that run the rollouts; the result does not depend on them.
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
@@ -66,7 +66,7 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
 
 
 def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
-    """The rollouts of iteration k; fixed by the run's seed."""
+    """The rollouts of iteration k, which the run's seed fixes."""
     config = run.config
     method = parameters(run, DaggerConfig)
     if k == 0:
@@ -86,9 +86,9 @@ def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
 
 
 def visited_frames(rollouts: Rollout) -> BoolArray:
-    """``(B, T)`` True for the frames of every visited state that the expert has an answer for.
+    """``(B, T)`` True for the frames of all visited states for which the expert has an answer.
 
-    An MPC as pi* plans on its grid of 50 ms at the states visited; the ticks up to the next plan
-    are labeled with this plan's torque law at the states visited.
+    The expert pi* is an MPC: it plans from the visited states every 50 ms, and the ticks up to the
+    next plan are labeled with the torque law of this plan, evaluated at the visited states.
     """
     return rollouts.expert_asked

@@ -7,11 +7,11 @@ for i = 1 .. N:
     train pi_i on D
 return the best pi_i on validation
 
-The expert is shown what errors of the learner's size lead to, without the learner ever driving. The
-labels are what the expert commanded, without the noise. Sigma is the maximum-likelihood estimate
-(their equation 5); `noise_scale` stands for their scaling by a guess of the final error. Their
-noise is drawn at every step of a slow controller; at 1 kHz that averages out, so that a draw is
-held here, for 50 ms.
+The expert visits the states that errors of the learner's size lead to, but the learner never
+drives. The labels are the expert's commands without the noise. Sigma is the maximum-likelihood
+estimate (their equation 5); `noise_scale` replaces their scaling by a guess of the final error.
+Their controller is slow, and they draw noise at each of its steps; at 1 kHz that would average out,
+so each draw is held here, for 50 ms by default.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def dart(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
     """Train a policy with DART; the run's folder gets data, policies and metrics.
 
     Args:
-        run: An open run, new or to be resumed.
+        run: An open run, new or resumed.
         workers: Processes that run the rollouts; the result does not depend on them.
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
@@ -88,7 +88,7 @@ def dart(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
-    """The rollouts of iteration i; fixed by the run's seed and the policy before it."""
+    """The rollouts of iteration i, which the run's seed and the previous policy fix."""
     config = run.config
     method = parameters(run, DartConfig)
     if i == 0:
@@ -112,10 +112,10 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
 def learner_error(run: Run, i: int) -> Array:
     """``(12, 12)`` second moments of pi_i(s) - pi*(s) as torques over held-out frames [N^2 m^2].
 
-    The error counts about zero, not about its mean: a learner that is always wrong alike is wrong.
+    The moments are about zero, not about the mean, so that a constant error counts in full.
 
     Args:
-        run: The run, with the policy pi_i.
+        run: The run, which has trained pi_i.
         i: The iteration.
 
     Raises:
@@ -125,7 +125,7 @@ def learner_error(run: Run, i: int) -> Array:
     share = run.config.training.validation
     parts = dataset_of(run, i).parts(all_ticks=policy.spec.remembers)
     held = [frames[held_out(frames.episode, share)] for frames in parts]
-    # In one order, however D is cut into shards: the last digits of a sum depend on it.
+    # Sorted, because the last digits of a sum depend on its order, and that on the shards of D.
     frames = sorted_by_episode(concatenate(held))
     if not len(frames):
         raise RunError(
@@ -135,7 +135,7 @@ def learner_error(run: Run, i: int) -> Array:
     inputs, targets = np.split(
         derive(frames, policy.spec), [policy.spec.observation.input_size], axis=1
     )
-    # Two PDs of the same gains differ by kp times the difference of their targets.
+    # The torques of two PD laws with the same gains differ by kp times the difference in targets.
     error = policy.spec.kp * (policy.answers(inputs) - targets).astype(np.float64)
     moments = error.T @ error / len(error)
     deviation = np.sqrt(np.trace(moments) / len(JOINTS))

@@ -43,7 +43,7 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
     """Train a policy with LocoDAGGER; the run's folder gets data, policies and metrics.
 
     Args:
-        run: An open run, new or to be resumed.
+        run: An open run, new or resumed.
         workers: Processes that run the rollouts; the result does not depend on them.
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
@@ -74,7 +74,7 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
-    """The rollouts of iteration i, and what follows from them; fixed by the run's seed."""
+    """The rollouts of iteration i and the queries that follow; the run's seed fixes both."""
     config = run.config
     method = parameters(run, LocoDaggerConfig)
     if i == 0:

@@ -1,4 +1,4 @@
-"""LocoSafeDAGGER (paper, Algorithm 4): the policy drives, the expert rescues, rescues teach.
+"""LocoSafeDAGGER (paper, Algorithm 4): the policy drives, and learns from the expert's rescues.
 
 Pre-training: D <- expert rollouts; train pi_0 on D
 for i = 1 .. N:
@@ -8,7 +8,7 @@ for i = 1 .. N:
     train pi_i on D
 return the best pi_i on validation
 
-pi_safety is any of the gates that the method's configuration names.
+pi_safety says unsafe if any of the gates does that the method's configuration names.
 """
 
 from __future__ import annotations
@@ -52,14 +52,15 @@ def loco_safe_dagger(
     """Train a policy with LocoSafeDAGGER; the run's folder gets data, policies and metrics.
 
     Args:
-        run: An open run, new or to be resumed.
+        run: An open run, new or resumed.
         workers: Processes that run the rollouts; the result does not depend on them.
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
-        on_robot: Collects the data of the iterations on a robot (`surefoot.field`); None simulates.
+        on_robot: Collects the data of the iterations on a robot (`surefoot.field`); None collects
+            it in simulation.
 
     Returns:
-        File of the policy that did best on the `select` initial states; on a robot, which they do
-        not know, it is the last one.
+        File of the policy that did best on the `select` initial states; with `on_robot`, of the
+        last policy, because those states are simulated.
 
     Raises:
         TypeError: The run was configured for another method.
@@ -88,7 +89,7 @@ def loco_safe_dagger(
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
-    """The rollouts of iteration i: who drives, how long, what is kept; fixed by the run's seed."""
+    """The rollouts of iteration i: who drives, for how long, and which frames are kept."""
     config = run.config
     method = parameters(run, LocoSafeDaggerConfig)
     if i == 0:

@@ -8,10 +8,10 @@ for i = 1 .. N:
     train pi_{i+1} on D, and pi_safe
 return the best pi_i on validation, and its pi_safe
 
-pi_safe is the gate `classifier`: it predicts from the state alone that the policy deviates from the
-expert by more than tau, so that the expert need not be asked who drives. A run numbers policies
-from 0, as for the other methods: iteration i rolls out the policy i - 1 under the gate that was
-trained after it.
+pi_safe is the gate `classifier`: it predicts from the state alone whether the policy deviates from
+the expert by more than tau, so the expert need not plan to decide who drives. As in the other
+methods, a run counts policies from 0: iteration i rolls out policy i - 1 with the gate that was
+trained after that policy.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
     """Train a policy with SafeDAGGER; the run's folder gets data, policies, gates and metrics.
 
     Args:
-        run: An open run, new or to be resumed.
+        run: An open run, new or resumed.
         workers: Processes that run the rollouts; the result does not depend on them.
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
 
@@ -83,12 +83,12 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
 
 
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
-    """The rollouts of iteration i; fixed by the run's seed."""
+    """The rollouts of iteration i, with the policy and the gate of iteration i - 1."""
     config = run.config
     method = parameters(run, SafeDaggerConfig)
     if i == 0:
         return pretraining_rollouts(config, method, plan)
-    # Without blocking: the expert drives in the states called unsafe, and only in those.
+    # Without blocking, the expert drives in the states that are called unsafe, and only there.
     monitor = SafetyMonitor(make_gate(run, i, ["classifier"]), block=0.0)
     starts = draw_starts(config, method, i)
     return Job(

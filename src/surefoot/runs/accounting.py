@@ -1,8 +1,8 @@
-"""The cost of data: falls and who drove, takeovers, the expert's share, and what was kept.
+"""The cost of data: falls and who drove, takeovers, the expert's share, and kept frames.
 
-`collection_cost` counts one iteration, `run_cost` adds up a whole run (the columns of the paper's
-comparison, IV-F). Read `rollouts.summary` for what is known of each episode, and `runs.metrics` for
-the records that a run keeps.
+`collection_cost` counts one iteration, and `run_cost` adds up a whole run (the columns of the
+paper's comparison, IV-F). Read `rollouts.summary` for the summary of each episode, and
+`runs.metrics` for the records that a run keeps.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ if TYPE_CHECKING:
 class CollectionCost:
     """The cost of an iteration's rollouts.
 
-    The fields from ``episodes`` to ``failed_episodes`` count the rollouts in which a policy may
-    drive. The expert's rollouts from their states (LocoDAGGER) count as ``queries``, and in
-    ``expert_seconds``, ``robot_seconds``, ``plans``, ``invalid_plans`` and what is kept.
+    The fields from ``episodes`` to ``failed_episodes`` count all rollouts except LocoDAGGER's
+    queries, the expert's rollouts from states of other rollouts. These are counted as ``queries``,
+    and in ``expert_seconds``, ``robot_seconds``, ``plans``, ``invalid_plans`` and the kept frames.
 
     Attributes:
         episodes: Number of rollouts.
         falls: Number of rollouts that ended in a fall.
         falls_in_tail: Number of falls in the expert's tail.
-        falls_expert_driving: Number of falls at whose last tick the expert drove.
-        falls_expert_driving_before: Number of falls that the expert drove half a second before.
-        near_falls: Number of rollouts that tilted beyond ``safety.fall_angle`` and did not fall,
-            where ``collection.fall_angle`` allows it.
+        falls_expert_driving: Number of falls in which the expert drove at the last tick.
+        falls_expert_driving_before: Number of falls in which the expert drove half a second before.
+        near_falls: Number of rollouts that tilted beyond ``safety.fall_angle`` but did not fall,
+            which is possible if ``collection.fall_angle`` is larger.
         near_falls_in_tail: Number of rollouts that did so in the tail.
         diverged: Number of rollouts that the expert gave up on.
         stalls: Number of rollouts that ended upright without stepping.
@@ -45,8 +45,8 @@ class CollectionCost:
         failed_episodes: Ids of the rollouts that fell or diverged.
         queries: Number of the expert's rollouts from states of other rollouts (LocoDAGGER).
         queries_failed: Number of queries that fell or diverged.
-        expert_seconds: Time that the expert drove [s]. The time for which it is only asked (DAGGER)
-            shows in ``plans``.
+        expert_seconds: Time that the expert drove [s]. Time in which the expert is queried but does
+            not drive (DAGGER) only counts in ``plans``.
         robot_seconds: Simulated time of all rollouts and queries [s].
         plans: Number of MPC solves.
         invalid_plans: Number of MPC solves whose plan was not valid.
@@ -109,19 +109,19 @@ class StageSeconds:
 
 @dataclass(frozen=True)
 class RunCost:
-    """What a whole run cost; iteration 0 is the pre-training, where the expert drives alone.
+    """The cost of a whole run; in iteration 0, the pre-training, the expert drives alone.
 
     The fields from ``episodes`` to ``expert_share`` are about the later iterations, and None in a
     run without any (behavior cloning).
 
     Attributes:
-        expert_seconds: Time that the expert drove [s]. Where it is only asked (DAGGER), `plans`
-            shows it.
+        expert_seconds: Time that the expert drove [s]. Time in which the expert is queried but does
+            not drive (DAGGER) only counts in ``plans``.
         plans: Number of MPC solves.
         diverged: Number of rollouts that ended because the expert had no valid plan.
         queries: Number of the expert's rollouts from visited states (LocoDAGGER).
-        queries_failed: Number of these that were lost.
-        near_falls: Number of rollouts that tilted beyond ``safety.fall_angle`` and did not fall.
+        queries_failed: Number of these that fell or diverged.
+        near_falls: Number of rollouts that tilted beyond ``safety.fall_angle`` but did not fall.
         near_falls_in_tail: Number of these that tilted that far in the tail.
         frames_kept: Number of frames kept.
         recoveries_tilted: Number of kept frames that are tilted (`surefoot.rollouts.summary`).
@@ -160,7 +160,7 @@ def collection_cost(summary: Summary | None) -> CollectionCost:
     """The cost of an iteration's rollouts and queries, from the summary of its episodes.
 
     Args:
-        summary: The summary; None if the budget affords no rollout, which costs nothing.
+        summary: The summary; None if the budget affords no rollout, so that the cost is zero.
     """
     if summary is None:
         return _NOTHING
@@ -229,7 +229,7 @@ _NOTHING = CollectionCost(
 
 
 def run_cost(metrics: Sequence[StageRecord], T: float) -> RunCost:
-    """Add up what a whole run cost; iteration 0 is the pre-training.
+    """Add up the cost of a whole run; iteration 0 is the pre-training.
 
     Args:
         metrics: The run's records (`surefoot.runs.run.Run.metrics`).
@@ -238,7 +238,7 @@ def run_cost(metrics: Sequence[StageRecord], T: float) -> RunCost:
     """
     collected = [record for record in metrics if record.stage == "collect"]
     first = [record for record in collected if record.iteration == 0]
-    # An iteration whose share of a budget affords no rollout has collected nothing.
+    # An iteration has no rollouts if its share of the budget does not pay for one.
     later = [record for record in collected if record.iteration > 0 and record.episodes > 0]
     minutes = sum(_seconds_with_tail(record, T) for record in later) / 60
     seconds = [_seconds_before_tail(record, T) for record in later]
@@ -272,8 +272,8 @@ def stage_seconds(metrics: Sequence[StageRecord], iterative: bool) -> StageSecon
 
     Args:
         metrics: The run's records.
-        iterative: Whether each policy continues from the one before; if not, as in a series of
-            behavior cloning, only the time of the last policy counts.
+        iterative: Whether each policy continues from the previous one; otherwise (a series of
+            behavior cloning) only the last policy counts in training and validation.
     """
     last = max((r.iteration for r in metrics if r.stage == "train"), default=0)
     stages = [record for record in metrics if record.stage != "best"]
@@ -301,16 +301,16 @@ def _seconds_with_tail(cost: CollectionCost, T: float) -> float:
 
 
 def _inferred_seconds(cost: CollectionCost, share: float, T: float) -> float:
-    """Time of an iteration's rollouts [s], of which early versions did not record it.
+    """Time of an iteration's rollouts [s] in records of early versions, which lack it.
 
-    The time that the policy drove is that of all robots minus the expert's, and it is 1 - share of
-    the time of the rollouts; this is exact. Where the expert drove alone (LocoDAGGER's first
-    iteration), the falls and their rate give the time. Without a fall, each rollout is taken to
-    have lasted T, which is too long for those that the expert gave up on.
+    The policy drove for robot_seconds - expert_seconds, which is 1 - share of the rollouts' time;
+    this is exact. If the expert drove alone (LocoDAGGER's first iteration), the number of falls and
+    their rate give the time. Without a fall, each rollout is assumed to have lasted T, which is too
+    long for those that the expert gave up on.
 
     Args:
         cost: Cost of an iteration's rollouts.
-        share: The expert's share of the time that is asked for: before the tails, or with them.
+        share: The expert's share of the wanted time, before the tails or with them.
         T: Duration of a rollout [s].
     """
     if share < 1:

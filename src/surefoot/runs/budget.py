@@ -1,9 +1,9 @@
 """A run's budget of expert-seconds: what a collection may spend, and which rollouts fit.
 
-The unit is an MPC solve, which counts as 50 ms of the expert. What is spent stands in the run's
-metrics, and what an iteration may spend follows from them, so that a resumed run spends the same.
-Within a collection the rollouts count in the order of their ids, whatever process ran them. Read
-`collecting` next, which ends a collection by it.
+The unit is an MPC solve, which counts as 50 ms of the expert. The run's metrics record what is
+spent, and thereby fix what an iteration may spend, so that a resumed run spends the same. Within a
+collection the rollouts are counted in the order of their ids, whichever process ran them. Read
+`collecting` next, which ends a collection at its budget.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from surefoot.runs.run import Run
 from surefoot.types import GRID, TICKS_PER_SECOND, IntArray
 
 SECONDS_PER_SOLVE = GRID / TICKS_PER_SECOND
-"""[s] how much of the expert an MPC solve counts as."""
+"""[s] the time of the expert that one MPC solve counts as."""
 _ROUNDING = 1e-9
-"""A number of seconds is that of whole solves if it is as close to it as this."""
+"""Tolerance, in solves, within which a number of seconds counts as whole solves."""
 
 
 def solves_of(seconds: float) -> int:
@@ -39,7 +39,7 @@ def solves_of(seconds: float) -> int:
 def first_allowance(config: Config) -> int | None:
     """MPC solves that the first collection may spend; None without a budget.
 
-    It is behavior cloning's only one, and the pre-training of the iterative methods.
+    This is the only collection of behavior cloning, and the pre-training of iterative methods.
     """
     budget = config.budget
     if budget.expert_seconds is None:
@@ -52,10 +52,10 @@ def first_allowance(config: Config) -> int | None:
 def allowance(run: Run, i: int) -> int | None:
     """MPC solves that the collection of iteration i may spend; None without a budget.
 
-    It is an equal share of what is left for all iterations from this one on.
+    What is left is shared equally among all iterations from this one on.
 
     Args:
-        run: The run, which has done all collections before.
+        run: The run, which has done all earlier collections.
         i: The iteration; 0 is the first collection.
     """
     method = run.config.method
@@ -76,12 +76,12 @@ def solves_left(run: Run, i: int) -> int | None:
 
 
 def iterations_within_budget(run: Run, iterations: int, first: int = 1) -> Iterator[int]:
-    """The iterations of a method, in order, as long as there is anything left to spend.
+    """The iterations of a method, in order, until nothing is left to spend.
 
     Args:
-        run: The run; each iteration has done its collection before the next is asked for.
+        run: The run; each iteration must do its collection before the next one is requested.
         iterations: Number N of iterations.
-        first: Number of the first one.
+        first: Number of the first iteration.
     """
     for i in range(first, iterations + 1):
         if solves_left(run, i) == 0:
@@ -90,7 +90,7 @@ def iterations_within_budget(run: Run, iterations: int, first: int = 1) -> Itera
 
 
 def rollout_costs(summary: Summary) -> tuple[IntArray, IntArray]:
-    """Ids ``(n,)`` of rollouts in ascending order, and MPC solves ``(n,)``, queries included."""
+    """Ids ``(n,)`` of rollouts in ascending order, and MPC solves ``(n,)`` with their queries."""
     ids, which = np.unique(whole_episode(summary.episode), return_inverse=True)
     costs = np.zeros(len(ids), dtype=np.int64)
     np.add.at(costs, which, summary.plans)
@@ -98,10 +98,10 @@ def rollout_costs(summary: Summary) -> tuple[IntArray, IntArray]:
 
 
 def affordable_part(result: ChunkResult, left: int) -> ChunkResult:
-    """The first rollouts of a chunk, in the order of their ids, that cost no more than is left.
+    """The first rollouts of a chunk, in the order of their ids, that fit into the budget left.
 
     Args:
-        result: What is kept of the chunk.
+        result: The result of the chunk.
         left: Number of MPC solves that may be spent.
     """
     ids, costs = rollout_costs(result.summary)

@@ -1,7 +1,7 @@
-"""Checks of a run as a whole: what would fail hours later fails before any work.
+"""Checks of a run as a whole, so that what would fail hours later fails before any work.
 
-Each configuration checks its own numbers when it is made (`surefoot.config.checked`). What is left
-needs two configurations, the stored initial states, this machine, or the expert that a run was
+Each configuration checks its own numbers when it is made (`surefoot.config.checked`). The checks
+here need two configurations, the stored initial states, this machine, or the expert that a run was
 begun with.
 """
 
@@ -57,10 +57,10 @@ def parameters(run: Run, kind: type[Parameters]) -> Parameters:
 
 
 def check_config(config: Config) -> None:
-    """Check that a run with this configuration can be done here.
+    """Check that a run with this configuration is possible on this machine.
 
     Raises:
-        ValueError: It cannot; the message names the number and what it may be.
+        ValueError: It is not; the message names the option and the values that it may have.
     """
     _check_mirror(config)
     _check_gaits(config)
@@ -78,11 +78,11 @@ def check_config(config: Config) -> None:
 
 
 def _check_mirror(config: Config) -> None:
-    """Check that mirrored frames are of motions that the policy is to learn.
+    """Check that mirrored frames show motions that the policy should learn.
 
     Raises:
-        ValueError: The robot or a gait is not its own mirror image, or the image walks backward
-            and no command does.
+        ValueError: The robot or a gait is not its own mirror image, or the mirror image walks
+            backward but no command does.
     """
     name = config.training.mirror
     training_mirror(config)
@@ -96,10 +96,10 @@ def _check_mirror(config: Config) -> None:
 
 
 def _check_gaits(config: Config) -> None:
-    """Check that a method can learn several gaits.
+    """Check that the method can learn several gaits, if there are several.
 
     Raises:
-        ValueError: It has a learned gate, whose network sees one gait alone.
+        ValueError: The method has a learned gate, whose network supports only one gait.
     """
     if not config.other_gaits:
         return
@@ -116,10 +116,10 @@ def _check_gaits(config: Config) -> None:
 
 
 def _check_sizes(config: Config) -> None:
-    """Check that each size of the data of behavior cloning holds a rollout.
+    """Check that each dataset size of behavior cloning has room for at least one rollout.
 
     Raises:
-        ValueError: One does not.
+        ValueError: A size has fewer frames than a rollout.
     """
     method = config.method
     if not isinstance(method, BehaviorCloningConfig) or not method.frames:
@@ -145,7 +145,7 @@ def remember_expert(run: Run, plan: PlanFunction | None) -> None:
         WriteError: The file cannot be written.
     """
     if plan is None:
-        run.expert_path.unlink(missing_ok=True)  # of an MPC that has left nothing else behind
+        run.expert_path.unlink(missing_ok=True)  # left by an MPC that has collected nothing
     else:
         write_json(run.expert_path, _identity(run, plan))
 
@@ -153,14 +153,14 @@ def remember_expert(run: Run, plan: PlanFunction | None) -> None:
 def check_expert(run: Run, plan: PlanFunction | None) -> None:
     """Check that an MPC is the one that a run was begun with.
 
-    Runs of earlier versions kept no identity: there the stages compare the names alone.
+    Runs of earlier versions stored no identity: for them, the stages only compare the names.
 
     Args:
         run: The run.
         plan: The expert's MPC; None for the BiConMP-style planner.
 
     Raises:
-        RunError: It is another one, or the file with the identity cannot be read.
+        RunError: It is another MPC, or the file with the identity cannot be read.
     """
     if not run.expert_path.exists():
         return
@@ -183,7 +183,7 @@ def check_expert(run: Run, plan: PlanFunction | None) -> None:
 
 
 def warn_of_own_expert(run: Run) -> None:
-    """Warn of a run that learned from a user's MPC, where the package's planner is measured."""
+    """Warn if a run learned from a user's MPC, although the package's planner is measured."""
     names = {record.expert for record in run.metrics if isinstance(record, Collected)}
     for name in sorted(names - {PLANNER}):
         warnings.warn(
@@ -195,7 +195,7 @@ def warn_of_own_expert(run: Run) -> None:
 
 
 def _identity(run: Run, plan: PlanFunction) -> ExpertIdentity:
-    """The identity of a user's MPC; warns of one that gives other plans when it is asked again."""
+    """The identity of a user's MPC; warns if the same state gives another plan a second time."""
     identity = identity_of(plan, load_robot(run.config.robot), len(run.config.gaits))
     failure = identity.plans[0].failure
     if not identity.repeatable and failure:
@@ -216,7 +216,7 @@ def _identity(run: Run, plan: PlanFunction) -> ExpertIdentity:
 
 
 def _check_stored(config: Config, stored: StartSet) -> None:
-    """Check that the stored initial states serve this configuration.
+    """Check that the stored initial states fit this configuration.
 
     Raises:
         ValueError: They are at other commands, or there are too few of them.
@@ -242,7 +242,7 @@ def _check_stored(config: Config, stored: StartSet) -> None:
 
 
 def _at_the_commands(box: CommandBox, stored: StartSet) -> bool:
-    """Whether initial states are at the commands of a box, but for those that robots fell at."""
+    """Whether initial states are at the commands of a box, except those at which robots fell."""
     if stored.preparation is not None:
         return stored.preparation.commands == box
     return all(
@@ -252,13 +252,13 @@ def _at_the_commands(box: CommandBox, stored: StartSet) -> bool:
 
 
 def _box(commands: CommandBox) -> str:
-    """A box of commands for messages."""
+    """A box of commands as text for messages."""
     intervals = (("vx", commands.vx), ("vy", commands.vy), ("yaw rate", commands.yaw_rate))
     return ", ".join(f"{name} {low:g} to {high:g}" for name, (low, high) in intervals)
 
 
 def _check_counts(method: MethodConfig, stored: StartSet) -> None:
-    """Check that there are perturbed initial states enough for all that a method draws.
+    """Check that there are enough perturbed initial states for all that a method draws.
 
     Raises:
         ValueError: There are too few; the message names the option.
@@ -291,10 +291,10 @@ def _check_expert_data(option: str, data: ExpertData, stored: StartSet) -> None:
 
 
 def _check_count(option: str, count: int, available: int, stored: StartSet) -> None:
-    """Check that no more are asked for than the `train` split of the stored states has left.
+    """Check that a count is no larger than what the `train` split of the stored states has left.
 
     Raises:
-        ValueError: More are asked for; the message names the option and how many there are.
+        ValueError: It is larger; the message names the option and how many there are.
     """
     if count > available:
         raise ValueError(
@@ -304,10 +304,10 @@ def _check_count(option: str, count: int, available: int, stored: StartSet) -> N
 
 
 def _check_budget(config: Config) -> None:
-    """Check that the budget pays for a rollout of the expert, without which there is no policy.
+    """Check that the budget pays for one expert rollout, without which there is no policy.
 
     Raises:
-        ValueError: It does not.
+        ValueError: The budget is too small.
     """
     allowed = first_allowance(config)
     method = config.method
@@ -329,7 +329,7 @@ def _check_held_out(config: Config, pretraining: ExpertData, purpose: str) -> No
     Args:
         config: Configuration of the run.
         pretraining: The expert rollouts of the pre-training.
-        purpose: What they are needed for, as the end of a sentence.
+        purpose: What held-out frames are needed for, to complete a sentence.
 
     Raises:
         ValueError: None of its rollouts is held out.
@@ -352,7 +352,7 @@ def _check_held_out(config: Config, pretraining: ExpertData, purpose: str) -> No
 
 
 def _use_of_held_out(method: MethodConfig) -> str:
-    """What a method does with frames that are held out, besides validation; empty if nothing."""
+    """What a method needs held-out frames for, in addition to validation; empty if nothing."""
     if isinstance(method, DartConfig):
         return "the noise is fitted to"
     classifies = isinstance(method, LocoSafeDaggerConfig) and "classifier" in method.gates

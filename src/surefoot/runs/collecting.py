@@ -1,8 +1,8 @@
-"""A collection's rollouts: run chunk by chunk, and stored as soon as they are done.
+"""A collection's rollouts are run chunk by chunk, and each chunk is stored as soon as it is done.
 
-What a chunk leaves behind is written whole or not at all, the shard of D last, so that a collection
-that was killed does only what is missing. A budget ends it, at the same rollout however the chunks
-are spread. Read `stages` next, whose `collect_data` makes a stage of it.
+Each file of a chunk is written whole or not at all, the shard of D last, so a collection that was
+killed only runs the missing chunks again. A budget ends the collection at the same rollout for any
+number of workers. Read `stages` next, where `collect_data` is the stage that uses this module.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from surefoot.runs.run import Run, RunError
 from surefoot.workers import Workers, each_chunk
 
 PlayChunks = Callable[[Sequence[Job], Workers, str], Generator[tuple[int, ChunkResult]]]
-"""Plays chunks, and yields the number and the result of each as soon as it is done."""
+"""Runs chunks, and yields the number and the result of each as soon as it is done."""
 
 
 def simulate_chunks(
@@ -37,11 +37,11 @@ def simulate_chunks(
 
 @dataclass(frozen=True)
 class Limit:
-    """What ends a collection before its job does.
+    """The limit at which a collection ends before its job does.
 
     Attributes:
-        solves: Number of MPC solves that it may spend.
-        rollouts: Number of its rollouts, where it is known because it is done.
+        solves: Number of MPC solves that the collection may spend.
+        rollouts: Number of its rollouts, if it was done before; otherwise None.
     """
 
     solves: int
@@ -56,9 +56,9 @@ class _Chunks:
         run: The run.
         jobs: The chunks, in the order of their episodes.
         names: Names of their shards.
-        stored: Names of those shards of which everything is there.
+        stored: Names of the shards of which all files exist.
         title: Text of the progress bar.
-        play: Plays them.
+        play: Runs the chunks.
     """
 
     run: Run
@@ -71,7 +71,7 @@ class _Chunks:
     def run_missing(
         self, first: int, end: int, workers: Workers
     ) -> Generator[tuple[int, ChunkResult]]:
-        """Run those of the chunks from first to end that are not stored; yield each when done."""
+        """Run the chunks from first to end that are not stored, and yield each when it is done."""
         missing = [n for n in range(first, end) if self.names[n] not in self.stored]
         jobs = [self.jobs[number] for number in missing]
         with closing(self.play(jobs, workers, self.title)) as results:
@@ -98,17 +98,17 @@ def run_and_store(
         iteration: The iteration i.
         job: The iteration's rollouts.
         workers: Processes that run the rollouts.
-        limit: What ends the collection before the job does; None without a budget.
-        play: Plays the chunks.
+        limit: The limit at which the collection ends before the job does; None without a budget.
+        play: Runs the chunks.
 
     Returns:
-        The summary of all episodes that count, those that were stored before too; None if there
-        are none, because the budget affords none.
+        The summary of all episodes within the budget, including those that were stored before;
+        None if the budget affords none.
 
     Raises:
         ValueError: The run's folder holds chunks of another job.
-        RunError: The expert has failed in all rollouts, or the budget affords none of the first
-            ones; nothing of them is stored.
+        RunError: No frame can be learned from, since the expert failed in all rollouts; or the
+            budget does not pay for the first rollout. In both cases nothing is stored.
     """
     jobs = chunks_of(job)
     names = [shard_name(iteration, number) for number in range(len(jobs))]
@@ -119,12 +119,12 @@ def run_and_store(
         results = chunks.run_missing(0, len(jobs), workers)
     else:
         results = _affordable_results(chunks, workers, limit)
-    # What an expert that does not work leaves behind is kept until one of its chunks teaches
-    # something: one that has been fixed must not find those chunks done.
+    # Chunks of an expert that does not work are held back until one of its chunks teaches
+    # something: once the expert has been fixed, it must not find those chunks stored.
     held_back: list[tuple[str, ChunkResult]] = []
     done = set(chunks.stored)
     teaches = iteration > 0 or run.dataset.frames > 0
-    with closing(results):  # whatever goes wrong here, the workers end with it
+    with closing(results):  # if anything goes wrong here, the workers stop too
         for number, result in results:
             done.add(names[number])
             teaches = teaches or bool(result.recording.kept.any())
@@ -152,15 +152,15 @@ def run_and_store(
 
 
 def _check_stored(chunks: _Chunks, iteration: int, whole: bool) -> None:
-    """Check that the stored chunks are of this job.
+    """Check that the stored chunks belong to this job.
 
     Args:
         chunks: The chunks.
         iteration: The iteration i.
-        whole: Whether each has to be whole; a budget cuts one short.
+        whole: Whether each chunk has to be whole; a budget cuts the last one short.
 
     Raises:
-        ValueError: One is of another.
+        ValueError: A stored chunk belongs to another job.
     """
     for number, (chunk, name) in enumerate(zip(chunks.jobs, chunks.names, strict=True)):
         if name in chunks.stored and not _is_of(chunks.summary(number), chunk, whole):
@@ -174,9 +174,9 @@ def _check_stored(chunks: _Chunks, iteration: int, whole: bool) -> None:
 def _affordable_results(
     chunks: _Chunks, workers: Workers, limit: Limit
 ) -> Generator[tuple[int, ChunkResult]]:
-    """Run chunks, and yield them in their order, until one is cut short.
+    """Run chunks, and yield the results in order, until the budget cuts one short.
 
-    What runs beyond it is dropped, so that the results are the same for any number of workers.
+    Chunks beyond that one are dropped, so the results are the same for any number of workers.
     """
     end = len(chunks.jobs)
     if limit.rollouts is not None:
@@ -202,7 +202,7 @@ def _affordable_results(
 
 
 def _failure_text(job: Job, summaries: list[Summary]) -> str:
-    """What to say of rollouts from which nothing can be learned."""
+    """The error message for rollouts from which nothing can be learned."""
     count = sum(int((~summary.query).sum()) for summary in summaries)
     name = expert_name(job)
     if not any(summary.ticks.any() for summary in summaries):
@@ -218,7 +218,7 @@ def _failure_text(job: Job, summaries: list[Summary]) -> str:
 
 
 def lost_files(run: Run, iteration: int, job: Job) -> list[Path]:
-    """Files of an iteration's chunks that were stored, and that are no longer there.
+    """Files of an iteration's chunks that were stored but no longer exist.
 
     Args:
         run: The run.
@@ -232,16 +232,16 @@ def lost_files(run: Run, iteration: int, job: Job) -> list[Path]:
 
 
 def _paths_of(run: Run, name: str, trace: bool) -> tuple[Path, ...]:
-    """The files that a chunk leaves behind."""
+    """The files in which a chunk is stored."""
     paths = (run.dataset.shard_path(name), run.summary_path(name))
     return (*paths, run.trace_path(name)) if trace else paths
 
 
 def _store(run: Run, name: str, result: ChunkResult) -> None:
-    """Write what is left of a chunk; the shard last: one that the dataset knows is done.
+    """Store a chunk, its shard last, because a chunk counts as done once its shard is in D.
 
     Raises:
-        RunError: The chunk was stored before, and its frames were others; nothing is replaced.
+        RunError: The chunk was stored before with different frames; nothing is replaced.
     """
     stored = run.dataset
     if name in stored.shards and not stored.holds(name, result.recording):
@@ -267,7 +267,7 @@ def _stored_shards(run: Run, job: Job) -> set[str]:
 
 
 def _is_of(summary: Summary, chunk: Job, whole: bool) -> bool:
-    """Whether a summary is of the episodes of a chunk, all or the first ones, by its expert."""
+    """Whether a summary is of all (or only the first) episodes of a chunk, and by its expert."""
     rollouts = summary[~summary.query]
     count = len(chunk.episodes) if whole else len(rollouts.episode)
     return (

@@ -1,4 +1,4 @@
-"""What a run that goes on keeps of the configuration that it began with. Next: `initial_states`."""
+"""The values that a resumed run keeps from its first configuration. Next: `initial_states`."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ Section = TypeVar("Section", bound=Checked)
 def with_values_of(before: Config, config: Config) -> Config:
     """The configuration, with the values of an earlier one in place of every None.
 
-    One rule serves all fields that may be None: what is not asked for now stays as it is, whether
-    it was measured, followed from the robot, or was given when the run began. Only which robot it
-    is has to be said again.
+    One rule serves all fields that may be None: a value that is not requested now stays the same,
+    whether it was measured, derived from the robot, or given when the run began. Only the robot has
+    to be named again.
 
     Args:
-        before: The configuration of a run that has begun, which is to go on with the same values.
-        config: What is asked for now.
+        before: The configuration of a run that has begun, whose values are kept.
+        config: The configuration requested now.
     """
     robot = config.robot
     if robot.spec is None and robot.model not in ROBOTS:
@@ -41,20 +41,20 @@ def with_values_of(before: Config, config: Config) -> Config:
         safety = _with_new_ranges(stored, config.safety, load_robot(config.robot))
         config = replace(config, safety=safety)
     config = _with_earlier_profile(before, with_own_values(config))
-    if stored.joints and config.safety.joints == stored.joints:  # then nobody looks at the ranges
+    if stored.joints and config.safety.joints == stored.joints:  # then the ranges have no effect
         ranges = {name: vars(stored)[name] for name in RANGES}
         config = replace(config, safety=replace(config.safety, **ranges))
     return config
 
 
 def _spec_of(before: Config, spec: RobotSpec | None) -> RobotSpec | None:
-    """The spec of a robot as the run has it, if it is the same: its description may have moved."""
+    """The run's spec of a robot, if it is the same robot, whose description may have moved."""
     earlier = before.robot.spec
     if spec is None or earlier is None or replace(spec, urdf=earlier.urdf) != earlier:
         return spec
     try:
         own = description_hash(earlier)
-    except ValueError:  # of an earlier version, which kept no copy
+    except ValueError:  # a run of an earlier version, which kept no copy
         return spec
     try:
         now = description_hash(spec)
@@ -64,9 +64,9 @@ def _spec_of(before: Config, spec: RobotSpec | None) -> RobotSpec | None:
 
 
 def _with_earlier_profile(before: Config, config: Config) -> Config:
-    """The configuration with the profile's file as an earlier version named it, if it is the same.
+    """The configuration with the profile as an earlier version stored it, if it is the same.
 
-    That version kept the name of the file alone.
+    Earlier versions stored only the name of the profile's file.
     """
     earlier = before.robot
     if earlier.profile is None or earlier.profile_spec is not None:
@@ -78,14 +78,14 @@ def _with_earlier_profile(before: Config, config: Config) -> Config:
 
 
 def _with_new_ranges(before: SafetyConfig, safety: SafetyConfig, robot: RobotModel) -> SafetyConfig:
-    """Bounds with the joints' rows of earlier ones, but for the ranges that are given anew."""
+    """Bounds with the joint rows of earlier bounds, except for the ranges that are given anew."""
     new = {name: vars(safety)[name] for name in RANGES if vars(safety)[name] != vars(before)[name]}
     rows = with_ranges(before.joints, SafetyConfig(**new), robot)
     return replace(safety, joints=rows)
 
 
 def _with_values(before: Section, config: Section) -> Section:
-    """A part of a configuration, with the values of the same part of another in place of None."""
+    """A section of a configuration, with values of an earlier one in place of None."""
     values = {}
     for field in fields(config):
         now = vars(config)[field.name]

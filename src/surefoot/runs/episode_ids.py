@@ -1,11 +1,11 @@
-"""Ids of a run's episodes and names of its shards: the only place that computes either.
+"""Ids of a run's episodes and names of its shards, which are computed only here.
 
 An id, together with the run's seed, fixes an episode. Iteration i owns the ids from 100 000 i on:
-rollout n has the index n in it. Query j of a rollout (LocoDAGGER, Algorithm 3) is part j + 1 of it:
-its id is the rollout's and ``(j + 1) PART``, so that learning knows what belongs together
-(`learning.frames.whole_episode`). Earlier versions gave queries the indices from 10 000 on. Each
-chunk of an iteration's episodes is stored as one shard, whose name holds the iteration and the
-number of the chunk. Read `runs.sampling` and `runs.query` next.
+rollout n has the id 100 000 i + n. Query j of a rollout (LocoDAGGER, Algorithm 3) is part j + 1 of
+the rollout: its id is the rollout's plus ``(j + 1) PART``, so that learning can tell which episodes
+belong together (`learning.frames.whole_episode`). Earlier versions gave queries the indices from
+10 000 on. Each chunk of an iteration's episodes is stored as one shard, named by the iteration and
+the number of the chunk. Read `runs.sampling` and `runs.query` next.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class EpisodeId:
 
     @classmethod
     def from_number(cls, number: int) -> EpisodeId:
-        """The place of the episode that has this number as its id."""
+        """The place of the episode with this id."""
         part = max(number, 0) // PART
         iteration, index = divmod(number - part * PART, EPISODES_PER_ITERATION)
         return cls(iteration, index, part - 1 if part else None)
@@ -50,7 +50,7 @@ class EpisodeId:
 
     @property
     def rollout(self) -> EpisodeId:
-        """The id of the rollout that a query starts from; a rollout's own."""
+        """The id of the rollout that a query starts from; for a rollout, its own id."""
         return replace(self, query=None)
 
 
@@ -60,7 +60,7 @@ def rollout_ids(iteration: int, count: int) -> IntArray:
 
 
 def end_of_iteration(iteration: int) -> int:
-    """The smallest id that is larger than those of all rollouts of an iteration."""
+    """The first id after those that an iteration owns."""
     return EpisodeId(iteration + 1, 0).number
 
 

@@ -1,9 +1,9 @@
-"""A run that begins with what another one has made: the first data, or also the first policy.
+"""A run can begin with a copy of another run's first data, or also of its first policy.
 
 Methods that pre-train on the same expert rollouts begin alike, and so do several trainings on the
-same data. What fixes that beginning is a part of the configuration, `first_stage`; where it is the
-same, `copy_first_stage` gives a new run the files and records that it would have made itself, bit
-for bit.
+same data. `first_stage` is the part of the configuration that fixes this beginning; if it is equal,
+`copy_first_stage` gives a new run the files and records that it would have made itself, bit for
+bit.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from surefoot.runs.run import Run, RunError
 from surefoot.scenarios.starts import PACKAGED, load_starts
 
 Shared = Literal["data", "policy"]
-"""What two runs begin with alike: their first data, or also the policy trained on it."""
+"""What two runs share at the beginning: their first data, or also the policy trained on it."""
 DATA_SECTIONS = (
     "seed",
     "chunk",
@@ -39,7 +39,7 @@ DATA_SECTIONS = (
     "start_set",
     "starts",
 )
-"""Parts of a configuration that fix expert rollouts, beside the method's own."""
+"""Parts of a configuration that fix expert rollouts, in addition to the method's parameters."""
 
 
 def first_stage(config: Config, shared: Shared) -> list[Any]:
@@ -71,7 +71,7 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
 def without_files(config: Config) -> Config:
     """The configuration with hashes of its initial states and of its robot's description.
 
-    Each run has copies of them of its own.
+    Each run has its own copies, so their paths say nothing.
     """
     others = tuple(
         replace(other, start_set=_start_set(other.start_set)) for other in config.other_gaits
@@ -84,7 +84,7 @@ def without_files(config: Config) -> Config:
 
 
 def _start_set(name: str | None) -> str | None:
-    """What tells initial states from others."""
+    """A text that identifies initial states: their hash, or the name of a packaged set."""
     if name is None or name in PACKAGED or not Path(name).exists():
         return name
     return load_starts(name).hash
@@ -93,15 +93,15 @@ def _start_set(name: str | None) -> str | None:
 def copy_first_stage(source: Run, target: Run, shared: Shared) -> None:
     """Give a new run the first data of another one, or also its first policy.
 
-    Nothing is copied twice: where a kill came in between, the rest is copied.
+    Nothing is copied twice: after a kill in between, only the rest is copied.
 
     Args:
-        source: The run that has made them.
-        target: The run that begins with them.
+        source: The run to copy from.
+        target: The run that begins with the copy.
         shared: What is copied.
 
     Raises:
-        RunError: The two runs do not begin alike, or the source has not come so far.
+        RunError: The two runs do not begin alike, or the source has not made this yet.
     """
     if first_stage(source.config, shared) != first_stage(target.config, shared):
         raise RunError(
@@ -121,7 +121,7 @@ def copy_first_stage(source: Run, target: Run, shared: Shared) -> None:
 
 
 def _copy_data(source: Run, target: Run) -> None:
-    """Copy the shards of iteration 0, with all that is stored beside them."""
+    """Copy the shards of iteration 0, with their summaries and traces."""
     for name in source.dataset.shards:
         if iteration_of_shard(name) != 0:
             continue
@@ -132,7 +132,7 @@ def _copy_data(source: Run, target: Run) -> None:
 
 
 def _copy_policy(source: Run, target: Run) -> None:
-    """Copy the policy of iteration 0; its file says that it belongs to the target."""
+    """Copy the policy of iteration 0, with the target in its provenance."""
     policy = load_policy(source, 0)
     provenance = policy.provenance | {"run": target.name, "method": target.method}
     copied = Policy(

@@ -1,9 +1,9 @@
 """The gates that call the expert during a run's rollouts, and the training of learned ones.
 
 `make_gate` puts together the gate of an iteration (pi_safe in Algorithm 2, pi_safety in
-Algorithm 4). `train_gates` trains those that are networks after each iteration: `classifier` learns
-where the policy deviates from the expert by more than tau (SafeDAGGER), `history` where the bounds
-will be left (the paper's future work). Read `safety.learned` for what they do in a rollout.
+Algorithm 4). `train_gates` trains the networks after each iteration: `classifier` learns where the
+policy deviates from the expert by more than tau (SafeDAGGER), `history` where the robot will leave
+the bounds (the paper's future work). Read `safety.learned` for what they do in a rollout.
 """
 
 from __future__ import annotations
@@ -42,17 +42,17 @@ from surefoot.types import BoolArray
 logger = logging.getLogger(__name__)
 
 HELD_OUT = 0.1
-"""Share of episodes that judge a history network, chosen by episode id."""
+"""Share of episodes held out to judge a history network, chosen by episode id."""
 
 
 @dataclass(frozen=True)
 class GateSamples:
-    """What a learned gate's classifier is trained on.
+    """The samples that a learned gate's classifier is trained and judged on.
 
     Attributes:
         rows: ``(n, inputs)`` inputs of the network.
         unsafe: ``(n,)`` True for rows that are labeled unsafe.
-        held: ``(n,)`` True for rows that judge the network, which is not trained on them.
+        held: ``(n,)`` True for held-out rows, which judge the network and do not train it.
         tau: Deviation beyond which a row is unsafe; None for a history gate.
         sigma: ``(12,)`` standard deviation of each joint's target [rad]; None for a history gate.
     """
@@ -95,7 +95,7 @@ def make_gate(
             classifier = load_classifier(run.gate_path(name, i - 1), History.row_size)
             gates.append(History(classifier, state_spec(run.config), alarm))
     if not gates:
-        # Before there is anything to learn from, the paper's bounds take the network's place.
+        # The paper's bounds replace the network until there are samples to train it on.
         gates = [Bounds(safety)]
     return gates[0] if len(gates) == 1 else AnyOf(gates)
 
@@ -103,18 +103,18 @@ def make_gate(
 def train_gates(
     run: Run, i: int, names: Sequence[GateName], unsafe_share: float = 0.2, alarm: float = 0.5
 ) -> None:
-    """Train those of the gates that are learned, on the data collected up to iteration i.
+    """Train the learned ones among the gates, on the data collected up to iteration i.
 
     Args:
         run: The run.
         i: The iteration.
         names: Names of the gates.
-        unsafe_share: Share of the frames that tau is chosen by (see `deviation_samples`).
-        alarm: Probability beyond which the networks will call a state unsafe; it judges them.
+        unsafe_share: Share of the frames beyond tau, which fixes tau (see `deviation_samples`).
+        alarm: Probability beyond which the networks will call a state unsafe, used to judge them.
 
     Raises:
-        RunError: A network was lost, and training it again gave another one; or the classifier
-            has no held-out frame to be judged by.
+        RunError: A network was lost, and training it again gave another one; or no frame is held
+            out to choose the classifier's tau and judge it.
         ValueError: A network or a trace is damaged.
     """
     if "classifier" in names and not _is_trained(run, "classifier", i):
@@ -134,19 +134,19 @@ def train_gates(
 
 
 def _can_be_learned(samples: GateSamples) -> bool:
-    """Whether there are enough rows to train on, safe and unsafe ones.
+    """Whether there are enough rows to train on, both safe and unsafe ones.
 
-    A network that is trained on one kind predicts it everywhere: then either the expert always
-    drives, and no new samples arrive, or no alarm is ever raised.
+    A network that is trained on only one class predicts it everywhere: then either the expert
+    always drives, and no new samples arrive, or no alarm is ever raised.
     """
     unsafe = samples.unsafe[~samples.held]
     return bool(len(unsafe) >= LEAST_ROWS and unsafe.any() and not unsafe.all())
 
 
 def history_samples(run: Run, i: int) -> GateSamples:
-    """Samples of a history gate: the last 100 ms, and whether the bounds are left after them.
+    """Samples of a history gate: the last 100 ms, and whether the robot then leaves the bounds.
 
-    There are none before a policy has driven for a while.
+    There are none until a policy has driven for a while.
 
     Args:
         run: The run.
@@ -161,10 +161,10 @@ def history_samples(run: Run, i: int) -> GateSamples:
 def deviation_samples(run: Run, i: int, unsafe_share: float) -> GateSamples:
     """Samples of SafeDAGGER's classifier: the states in which pi_i deviates by more than tau.
 
-    The deviation is the squared error over the joints, each scaled by the standard deviation of its
-    target. In the first training tau is chosen so that ``unsafe_share`` of the held-out
-    pre-training frames is beyond it. The classifier learns from D and from the held-out episodes,
-    which the policy is never trained on (D_safe); every other one of those judges it instead.
+    The deviation is the squared error summed over the joints, each scaled by the standard deviation
+    of its target. In the first training tau is chosen so that ``unsafe_share`` of the held-out
+    pre-training frames lies beyond it. The classifier is trained on the episodes that train the
+    policy and on half of the held-out ones (D_safe), those with even ids; the others judge it.
 
     Args:
         run: The run, with the policy pi_i.
@@ -198,7 +198,7 @@ def deviation_samples(run: Run, i: int, unsafe_share: float) -> GateSamples:
 def _rows_of_frames(
     run: Run, i: int, policy: Policy
 ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-    """What gate and policy see of the frames of D, and what the policy should answer.
+    """The inputs of gate and policy at the frames of D, and the targets of the policy.
 
     Returns:
         Rows ``(n, 47)`` of the gate, inputs ``(n, inputs)`` of the policy, targets ``(n, 12)``
@@ -220,7 +220,7 @@ def _rows_of_frames(
 
 
 def _is_trained(run: Run, kind: LearnedGate, i: int) -> bool:
-    """Whether a network has been trained and its file is there.
+    """Whether a network has been trained and its file exists.
 
     Raises:
         ValueError: The network's file is damaged.
@@ -228,7 +228,7 @@ def _is_trained(run: Run, kind: LearnedGate, i: int) -> bool:
     path = run.gate_path(kind, i)
     if run.gate_trained(kind, i) is None or not path.exists():
         return False
-    load_classifier(path)  # a damaged file is an error now, not when a rollout needs it
+    load_classifier(path)  # raises now if the file is damaged, not when a rollout needs it
     return True
 
 
@@ -265,7 +265,7 @@ def _train_gate(
 
 
 def _summary_text(record: GateTrained) -> str:
-    """A line of text: what a network was trained on, and how well it does."""
+    """A line of text with a network's training data and its quality."""
     text = (
         f"iteration {record.iteration}: {record.kind} network on {record.rows} rows, "
         f"{100 * record.share_yes:.1f} % of them unsafe"

@@ -1,8 +1,9 @@
-"""A run's own initial states: a copy in its folder, so that it depends on nothing kept elsewhere.
+"""A run's own copy of its initial states, in its folder, so that it needs no files elsewhere.
 
-What the configuration of a run leaves open is prepared when it begins (`scenarios.prepare`), and is
-the run's own from then on. In the run's ``config.json`` the copy goes by its name alone, so that
-the folder may be moved. Sets that come with the package are not copied. `runs.run` calls all this.
+Initial states that the configuration leaves open are prepared when the run begins
+(`scenarios.prepare`), and belong to the run from then on. The run's ``config.json`` names the copy
+without its folder, so that the folder may be moved. Sets that come with the package are not copied.
+`runs.run` calls this module.
 """
 
 from __future__ import annotations
@@ -23,19 +24,19 @@ from surefoot.scenarios.starts import PACKAGED, load_starts, save_starts, starts
 from surefoot.types import to_ticks
 
 BEGINS = 10
-"""[ms] The periods of several gaits are multiples of this. A robot begins a gait where a cycle of
-it begins on the grid of plans, every 50 ms: then that is every fifth cycle at the latest."""
+"""[ms] With several gaits, their periods are multiples of this. A robot can change to a gait only
+when a cycle of it begins at a planning instant, every 50 ms: then at least every fifth cycle."""
 
 
 def begun_config(config: Config) -> Config:
     """The configuration of a run that begins, with all that its robot, gait and commands need.
 
     Args:
-        config: The configuration as it was asked for; what is None is prepared where it is missing.
+        config: The requested configuration; values that are None are filled in, measured if needed.
 
     Raises:
-        ValueError: The robot does not walk in this gait, or not at these commands, or it could not
-            change between its gaits.
+        ValueError: The robot cannot walk in this gait or at these commands, or it could not change
+            between its gaits.
     """
     config = completed(config)
     _check_changes(config)
@@ -43,12 +44,12 @@ def begun_config(config: Config) -> Config:
 
 
 def _check_changes(config: Config) -> None:
-    """Check that a robot can change between its gaits, and is held alike in all of them.
+    """Check that a robot can change between its gaits, and that all have the same joint gains.
 
-    Runs that have begun are left as they are: they can be evaluated.
+    Only new runs are checked, so that runs of earlier versions can still be evaluated.
 
     Raises:
-        ValueError: It cannot, or is not.
+        ValueError: The robot could hardly change to a gait, or the gains differ.
     """
     if not config.other_gaits:
         return
@@ -73,12 +74,12 @@ def resumed_config(config: Config, before: Config, starts_hash: str) -> Config:
     """The configuration of a resumed run; values that are None are taken from the run.
 
     Args:
-        config: The configuration as it is asked for now.
-        before: That of the run.
+        config: The configuration requested now.
+        before: The configuration of the run.
         starts_hash: The hash of the run's initial states; empty if it is not known.
 
     Raises:
-        FileNotFoundError: There is no such set of initial states as is asked for.
+        FileNotFoundError: The requested set of initial states does not exist.
     """
     config = with_values_of(before, config)
     sets = _sets_of(config)
@@ -103,8 +104,8 @@ def keep_starts(folder: Path, config: Config) -> tuple[Config, Config, str]:
         config: The run's configuration.
 
     Returns:
-        The configuration with the copy, the same as it is written into the folder, and the hash of
-        the initial states.
+        The configuration with the path of the copy, the one that is written into the folder, with
+        the copy's name alone, and the hash of the initial states.
 
     Raises:
         ValueError: The initial states do not fit the configuration.
@@ -116,7 +117,7 @@ def keep_starts(folder: Path, config: Config) -> tuple[Config, Config, str]:
         name = _sets_of(config)[number]
         if name not in PACKAGED:
             copy = folder.resolve() / own
-            copy.unlink(missing_ok=True)  # of a run that was never begun
+            copy.unlink(missing_ok=True)  # left by a run that never began
             save_starts(one, copy)
             name = own
         names.append(name)
@@ -125,11 +126,11 @@ def keep_starts(folder: Path, config: Config) -> tuple[Config, Config, str]:
 
 
 def with_own_starts(folder: Path, config: Config) -> Config:
-    """The configuration with the run's own copy, whatever folder it is used from.
+    """The configuration with the full path of the run's own copy, for use from any folder.
 
     Args:
         folder: The run's folder.
-        config: The configuration as it is written there.
+        config: The configuration as it is written in the folder.
     """
     own = _own_files(config)
     names = _sets_of(config)
@@ -141,15 +142,15 @@ def with_own_starts(folder: Path, config: Config) -> Config:
 
 
 def check_same_starts(folder: Path, config: Config, starts_hash: str) -> None:
-    """Check that a run's initial states are those that it was begun with.
+    """Check that a run's initial states are still those that it was begun with.
 
     Args:
         folder: The run's folder, for the message.
         config: The run's configuration.
-        starts_hash: The hash of what it was begun with; empty if it is not known.
+        starts_hash: The hash of the initial states it was begun with; empty if it is not known.
 
     Raises:
-        RunError: They are others, or cannot be read.
+        RunError: They have changed, or cannot be read.
     """
     if not starts_hash:
         return
@@ -171,7 +172,7 @@ def check_same_starts(folder: Path, config: Config, starts_hash: str) -> None:
 
 
 def _resolved(config: Config) -> Config:
-    """The configuration with the whole path of its initial states, for use from any folder."""
+    """The configuration with the full path of its initial states, for use from any folder."""
     if config.start_set in PACKAGED:
         return config
     return replace(config, start_set=str(Path(known(config.start_set, "start_set")).resolve()))

@@ -1,7 +1,7 @@
-"""The files of a run's own in its folder, which nothing but the run may write.
+"""The run's own files in its folder, which only the run may write.
 
-What lies beside them, such as films and reports of evaluations, anything may write. `runs.run`
-makes the files and says what each is for.
+Other files in the folder, such as films and evaluation reports, may be written by anyone.
+`runs.run` creates the files and describes each of them.
 """
 
 from __future__ import annotations
@@ -17,27 +17,27 @@ CONFIG_FILE = "config.json"
 STARTS_FILE = "starts.npz"
 """File of the run's own copy of its initial states, if these do not come with the package."""
 OTHER_STARTS_FILE = "starts-{number}.npz"
-"""File of the copy of the initial states of another gait than the first one, by its number."""
+"""File of the copy of the initial states of any gait after the first one, by its number."""
 ROBOT_FILE = "robot.urdf"
-"""File of the run's own copy of the description of a robot that is none of the package."""
+"""File of the run's own copy of the description of a robot that does not come with the package."""
 COPIES = (
     STARTS_FILE,
     *(OTHER_STARTS_FILE.format(number=number) for number in range(1, MOST_GAITS)),
     ROBOT_FILE,
 )
-"""All files that a run may copy when it begins, so that it depends on none kept elsewhere."""
+"""All files that a run may copy when it begins, so that it needs no files elsewhere."""
 METRICS_FILE = "metrics.jsonl"
 """File of the metrics: one line for each stage that is done."""
 EXPERT_FILE = "expert.json"
-"""File of the identity of a user's own MPC."""
+"""File with the identity of a user's own MPC."""
 LOCK_FILE = ".lock"
-"""File that the process which trains in the folder has locked."""
+"""File that the process that trains in the folder has locked."""
 ATTEMPTS_FILE = "attempts.jsonl"
-"""What a robot went through that the run learned on (`surefoot.field.attempts`)."""
+"""Log of the attempts of a run that learns on a robot (`surefoot.field.attempts`)."""
 CURVES_FILE = "curves.png"
 """The learning curves, which `surefoot train` draws."""
 KEPT_POLICY_FILE = "policy.safetensors"
-"""The best policy, where a study keeps no other file of the policies."""
+"""The best policy, if a study keeps only that one of a run's policies."""
 OWN = {
     CONFIG_FILE,
     *COPIES,
@@ -58,7 +58,7 @@ OWN = {
 """Names of a run's own files and folders, in its folder."""
 
 EARLY = (LOCK_FILE, *COPIES)
-"""What a kill in the very first moment may leave of a run that has not begun."""
+"""Files that may be left if a run is killed as it begins."""
 
 
 class RunError(ValueError):
@@ -68,7 +68,7 @@ class RunError(ValueError):
 def run_that_owns(path: Path, new_run: Path | None = None) -> Path | None:
     """The folder of the run that a file belongs to, or None if it belongs to none.
 
-    A link is followed: it belongs to a run if it lies there, or if what it points to does.
+    A link is followed: it belongs to a run if the link or its target lies in the run's folder.
 
     Args:
         path: The file; it need not exist.
@@ -85,13 +85,13 @@ def folder_that_owns(
 ) -> Path | None:
     """The folder of a run or a study that a file belongs to, or None if it belongs to none.
 
-    A link is followed: the file belongs to a folder if it lies there, or if what it points to does.
+    A link is followed: it belongs to a folder if the link or its target lies there.
 
     Args:
         path: The file; it need not exist.
-        new: A folder that is to become one.
-        has_begun: Whether a folder is one.
-        owns: Whether one owns a file, by the parts of its path in the folder.
+        new: A folder that is to become a run or a study.
+        has_begun: Returns whether a folder is a run or a study.
+        owns: Returns whether a run or a study owns a file, by the parts of its path in the folder.
     """
     begins = None if new is None else Path(os.path.realpath(new))
     for file in (Path(os.path.realpath(path.parent)) / path.name, Path(os.path.realpath(path))):
@@ -102,6 +102,6 @@ def folder_that_owns(
 
 
 def _is_run(folder: Path) -> bool:
-    """Whether a folder holds a run: other programs have a ``config.json`` too."""
+    """Whether a folder holds a run, not just a ``config.json`` of another program."""
     has_begun = any((folder / name).exists() for name in (LOCK_FILE, METRICS_FILE))
     return has_begun and (folder / CONFIG_FILE).exists()

@@ -1,11 +1,11 @@
 """A run's metrics: one record, and one line of ``metrics.jsonl``, for each stage that is done.
 
-`StageRecord` is the type of any of them; the field ``stage`` tells them apart. What a stage has
-measured is among the fields of its record. `format_line` and `parse_line` are the only code that
-knows how a record becomes a line. A field whose default is None is left out of the line where it is
-None; what is not a number (NaN) is null. Runs of earlier versions wrote ``guard_classifier`` and
-``guard_history`` for what is ``gate_classifier`` and ``gate_history`` now; both are read.
-`parse_metrics` reads a whole file. Read `runs.stages` next, which makes most of the records.
+`StageRecord` is the type of any record; the field ``stage`` tells them apart. The fields of a
+record include what its stage has measured. Only `format_line` and `parse_line` convert between
+records and lines. A field whose default is None is left out of the line if it is None; NaN becomes
+null. Runs of earlier versions wrote ``guard_classifier`` and ``guard_history`` for what is now
+``gate_classifier`` and ``gate_history``; both are read. `parse_metrics` reads a whole file. Read
+`runs.stages` next, which makes most of the records.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ LearnedGate = Literal["classifier", "history"]
 
 @dataclass(frozen=True, kw_only=True)
 class Collected(CollectionCost):
-    """Iteration i has collected data: D <- D u D'. The cost of that is among the fields.
+    """Iteration i has collected data: D <- D u D'. The fields include the cost of collecting.
 
     Attributes:
         stage: Name of the stage in the file.
         iteration: The iteration i; 0 is the pre-training.
-        expert: Name of the expert that drove or was asked.
+        expert: Name of the expert that drove or was queried.
         starts_hash: SHA-256 of the stored set of initial states.
         dataset_frames: Number of frames in D.
         dataset_hash: SHA-256 of D.
         seconds: Wall time of the stage [s].
-        allowed_seconds: Expert-seconds that it may spend (`config.budget`), MPC solves x 0.05 s
-            [s]; None without a budget.
-        spent_seconds: Expert-seconds that it has spent [s]; None without a budget.
+        allowed_seconds: Expert-seconds that the stage may spend (`config.budget`), MPC solves x
+            0.05 s [s]; None without a budget.
+        spent_seconds: Expert-seconds that the stage has spent [s]; None without a budget.
     """
 
     stage: Literal["collect"] = "collect"
@@ -67,15 +67,15 @@ class Trained:
             end early.
         steps: Number of optimizer steps.
         frames: Number of frames in D, held out or not.
-        device: Device that computed it, as PyTorch names it.
+        device: Device that the network was trained on, as PyTorch names it.
         precision: Number format of the products of the hidden layers; None in files of early
             versions.
         train_loss: Mean L1 loss of the last epoch [rad].
         validation_loss: Mean L1 loss on the held-out episodes [rad]; None without any.
         seconds: Wall time of the stage [s].
         episodes: Number of episodes in D; None in files of early versions.
-        dataset_hash: SHA-256 of D, which is a part of what was collected in a series of dataset
-            sizes (behavior cloning); None in files of early versions.
+        dataset_hash: SHA-256 of D; in a series of dataset sizes (behavior cloning), D is only a
+            part of the collected data. None in files of early versions.
     """
 
     stage: Literal["train"] = "train"
@@ -142,8 +142,8 @@ class Best:
         stage: Name of the stage in the file.
         iteration: Always 0, as the stage belongs to the whole run.
         best_iteration: Iteration that trained the policy that the run chose
-            (`surefoot.runs.stages.choose_best_policy`); the last of behavior cloning and of a run
-            on a robot.
+            (`surefoot.runs.stages.choose_best_policy`); always the last one in behavior cloning and
+            in a run on a robot.
     """
 
     stage: Literal["best"] = "best"
@@ -155,7 +155,7 @@ StageRecord = Collected | Trained | Validated | GateTrained | Best
 """A record of a stage that is done."""
 
 MOST_ITERATIONS = 10_000
-"""No configuration allows for more."""
+"""The most iterations that any configuration allows."""
 _KINDS: dict[str, type[StageRecord]] = {
     "collect": Collected,
     "train": Trained,
@@ -167,7 +167,7 @@ _KINDS: dict[str, type[StageRecord]] = {
 
 
 def line_values(record: StageRecord) -> dict[str, Plain]:
-    """The JSON values of a record's line; what is None by default is left out."""
+    """The JSON values of a record's line, without fields whose default is None if they are None."""
     values = {"stage": record.stage, "iteration": record.iteration} | to_json(record)
     optional = [field.name for field in fields(record) if field.default is None]
     for name in optional:
@@ -177,7 +177,7 @@ def line_values(record: StageRecord) -> dict[str, Plain]:
 
 
 def format_line(record: StageRecord) -> bytes:
-    """A record as a line of JSON, without the line's end."""
+    """A record as a line of JSON, without the newline."""
     return json.dumps(line_values(record), allow_nan=False).encode()
 
 
@@ -208,14 +208,14 @@ def parse_line(line: bytes) -> StageRecord:
 
 
 def parse_metrics(content: bytes, path: Path) -> list[StageRecord]:
-    """The records in the content of a metrics file, in their order.
+    """The records in the content of a metrics file, in order.
 
     Args:
         content: Content of the file.
         path: The file, for messages.
 
     Raises:
-        ValueError: A line is no record, or repeats the stage of another one, whose cost would then
+        ValueError: A line is no record, or repeats the stage of another line, whose cost would then
             count twice.
     """
     records: list[StageRecord] = []
@@ -244,15 +244,15 @@ def best_iteration(records: Iterable[StageRecord]) -> int | None:
 
 
 def stage_of(record: StageRecord) -> tuple[str, int]:
-    """What tells a stage from all others of a run: its name and its iteration."""
+    """The name and the iteration of a stage, which together are unique in a run."""
     return record.stage, record.iteration
 
 
 def _check_iterations(record: StageRecord) -> None:
-    """Check that the iterations that a record names can be those of a run.
+    """Check that the iterations in a record are possible.
 
     Raises:
-        ValueError: A number is negative, or beyond what any run does.
+        ValueError: A number is negative, or larger than in any run.
     """
     named = {"iteration": record.iteration}
     if isinstance(record, Best):

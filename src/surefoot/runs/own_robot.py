@@ -1,7 +1,7 @@
 """A run's own copy of the description of a robot that does not come with the package.
 
-The run's ``config.json`` names the description where it lies, beside which the meshes of films are.
-The copy serves where that file is no longer there, or no longer the same. `runs.run` calls this.
+The run's ``config.json`` names the original description, next to which are the meshes for films.
+The copy is used if that file no longer exists or has changed. `runs.run` calls this.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from surefoot.runs.layout import ROBOT_FILE
 
 
 def keep_robot(folder: Path, config: Config) -> None:
-    """Copy the description of a run's robot into its folder, if the robot is none of the package.
+    """Copy the description of a robot that does not come with the package into a run's folder.
 
     Args:
         folder: The run's folder.
@@ -31,7 +31,7 @@ def keep_robot(folder: Path, config: Config) -> None:
     if spec is not None:
         write_atomic(copy, read_file(find_urdf(spec)))
     else:
-        copy.unlink(missing_ok=True)  # of a run that was never begun
+        copy.unlink(missing_ok=True)  # left by a run that never began
 
 
 def with_own_robot(folder: Path, config: Config) -> Config:
@@ -39,7 +39,7 @@ def with_own_robot(folder: Path, config: Config) -> Config:
 
     Args:
         folder: The run's folder.
-        config: The configuration as it is written there.
+        config: The configuration as it is written in the folder.
     """
     spec = config.robot.spec
     copy = folder.resolve() / ROBOT_FILE

@@ -1,6 +1,6 @@
-"""Which policy is meant, by a run's folder or a policy file; and whether it fits its configuration.
+"""Find a policy by a run's folder or a policy file, and check that it fits its configuration.
 
-The commands and the comparison of methods take either. Read `runs.run` for a run's folder and
+The commands and the comparison of methods take either one. Read `runs.run` for a run's folder and
 `learning.policy` for the policy file.
 """
 
@@ -43,32 +43,32 @@ from surefoot.scenarios.prepare import completed
 from surefoot.types import JOINTS, Array
 
 PACKAGED_POLICY = Path(__file__).parent / "data" / "solo12-trot.safetensors"
-"""The policy that comes with the package: Solo12's trot at 0 to 0.3 m/s, cloned from 80 s of a
-pushed expert (the study `regimes`, seed 0 of BC, pushed, from the settled gait)."""
+"""The policy that comes with the package: Solo12's trot at 0 to 0.3 m/s, cloned from 80 s of an
+expert under pushes (the study `regimes`, seed 0 of BC, pushed, from the settled gait)."""
 logger = logging.getLogger(__name__)
 
 
 def find_policy(target: Path | None) -> tuple[Path, Config]:
-    """Find a run's best policy, or take a policy file; and the configuration to run it under.
+    """Find a run's best policy or a policy file, and the configuration to run the policy with.
 
-    The configuration is that of the run that the policy lies in. Outside of any run it is the
-    default one with what the file says: robot, gait, commands, gains, phase and safety bounds. It
-    then lacks what has to be measured, unless it is Solo12's trot straight ahead: see
-    `prepared_for`.
+    For a policy in a run's folder, the configuration is that of the run. For any other policy it is
+    the default with the values in the file: robot, gait, commands, gains, phase and safety bounds.
+    It then lacks the values that have to be measured (see `prepared_for`), except for Solo12's trot
+    straight ahead.
 
     Args:
-        target: Folder of a run, what a study keeps of it, or a policy file; None is the policy that
-            comes with the package.
+        target: Folder of a run, the part of it that a study keeps, or a policy file; None is the
+            policy that comes with the package.
 
     Returns:
         File of the policy, and the configuration.
 
     Raises:
         RunError: The folder holds no finished run.
-        FileNotFoundError: There is neither a folder nor a file.
-        PolicyFileError: The file is damaged, or of another robot, layout or version.
+        FileNotFoundError: There is no such folder or file.
+        PolicyFileError: The file is damaged, or for another robot, layout or version.
         ValueError: The policy has another gait period, gain, phase or layout than configured; or it
-            lies in no run, and its robot is none of the package.
+            lies in no run, and its robot does not come with the package.
     """
     if target is None:
         target = PACKAGED_POLICY
@@ -108,7 +108,7 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
 
 
 def _other_torques(policy: Policy, config: Config) -> str:
-    """What to say of a policy that was trained within smaller torque limits than configured."""
+    """A note on a policy that was trained with smaller torque limits than configured, or ''."""
     own = None if policy.limits is None else policy.limits.torque
     if own is None or None in own:
         return ""
@@ -123,25 +123,25 @@ def _other_torques(policy: Policy, config: Config) -> str:
 
 
 def prepared_for(policy: Path, config: Config) -> Config:
-    """The configuration to measure a policy under, with initial states and command gains.
+    """The configuration to measure a policy with, including initial states and command gains.
 
-    A run has its own. For a policy in no run they are prepared, or found if they were before.
+    A run has its own. For a policy in no run they are prepared, or reused if they exist already.
 
     Args:
         policy: File of the policy.
         config: The configuration of `find_policy`.
 
     Raises:
-        ValueError: The robot does not walk in a gait, or not at the commands of the policy.
+        ValueError: The robot cannot walk in a gait or at the commands of the policy.
     """
     return completed(config) if run_of_policy(policy) is None else config
 
 
 def config_of_policy(robot: str, gaits: Sequence[GaitTiming], command_range: Array) -> Config:
-    """The configuration of a policy's robot and gaits, as far as its file tells.
+    """The configuration of a policy's robot, gaits and commands, as far as its file has them.
 
     Args:
-        robot: Name of a robot of the package.
+        robot: Name of a robot that comes with the package.
         gaits: The gaits.
         command_range: ``(2, 3)`` smallest and largest command trained on.
     """
@@ -149,39 +149,39 @@ def config_of_policy(robot: str, gaits: Sequence[GaitTiming], command_range: Arr
     config = with_timing(Config(robot=RobotConfig(model=robot)), first)
     config = replace(config, other_gaits=tuple(map(OtherGait, others)))
     trained = CommandBox(*zip(*command_range.tolist(), strict=True))
-    # Data drawn from a box need not reach its ends.
+    # The commands in the data need not reach the ends of the box that they were drawn from.
     return config if _lies_in(trained, config.commands) else replace(config, commands=trained)
 
 
 def _lies_in(inner: CommandBox, outer: CommandBox) -> bool:
-    """Whether all commands of a box are in another one."""
+    """Whether one box of commands lies inside another."""
     low, high = np.array(inner.axes).T
     lowest, highest = np.array(outer.axes).T
     return bool((low >= lowest - 1e-9).all() and (high <= highest + 1e-9).all())
 
 
 def _with_bounds(safety: SafetyConfig, bounds: SafetyBounds) -> SafetyConfig:
-    """The safety configuration with the bounds of a policy's file, as far as they are others."""
+    """The safety configuration with the bounds of a policy's file, if these are different."""
     low, high = table_bounds(safety)
     pairs = (bounds.com_height, bounds.roll, bounds.pitch, *bounds.joints)
     if np.allclose(np.column_stack([low, high]), pairs, rtol=0.0, atol=1e-9):
-        return safety  # in the same words as before
+        return safety  # so that equal bounds are not written in another way
     joints = tuple((_degrees(low), _degrees(high)) for low, high in bounds.joints)
-    # A table has one bound for roll and pitch, either way: the narrowest of a file with several.
+    # The table has one bound for roll and pitch of either sign: the narrowest one in the file.
     tilt = _degrees(min(map(abs, (*bounds.roll, *bounds.pitch))))
     return replace(safety, com_height=bounds.com_height, roll_pitch=tilt, joints=joints)
 
 
 def _degrees(angle: float) -> float:
-    """Convert an angle of a policy file [rad] back to the configured one [deg]."""
+    """Convert an angle of a policy file [rad] back to that of the configuration [deg]."""
     return round(math.degrees(angle), 9)
 
 
 def _policy_config(policy: Policy) -> PolicyConfig:
-    """The configuration that a policy was trained with, as its file tells.
+    """The policy configuration that a policy was trained with, from its file.
 
     Raises:
-        ValueError: No configuration names its layout.
+        ValueError: Its layout is none that can be configured.
     """
     spec = policy.spec
     seen = spec.observation
@@ -195,7 +195,7 @@ def _policy_config(policy: Policy) -> PolicyConfig:
 
 
 def _check_fit(path: Path, policy: Policy, config: Config, source: str) -> None:
-    """Check that a policy was trained for what a configuration has.
+    """Check that a policy was trained for a configuration.
 
     Args:
         path: File of the policy, for the message.
@@ -236,17 +236,17 @@ def load_policy(run: Run, iteration: int) -> Policy:
     """Load the policy of an iteration of a run.
 
     Raises:
-        PolicyFileError: Its file is damaged, or is of another robot.
+        PolicyFileError: Its file is damaged, or is for another robot.
     """
     return load(run.policy_path(iteration), find_spec(run.config.robot).name)
 
 
 def fitted_policy(config: Config, result: FitResult, provenance: Mapping[str, Plain]) -> Policy:
-    """The policy of a fit, with all that its file tells of robot and training.
+    """The policy of a fit, with all that its file records of robot and training.
 
     Args:
-        config: The configuration; values of its robot's own are in place (`with_own_values`).
-        result: What the fit returned.
+        config: The configuration, completed with its robot's values (`with_own_values`).
+        result: The result of the fit.
         provenance: Where the policy comes from.
     """
     robot = load_robot(config.robot)
@@ -262,7 +262,7 @@ def fitted_policy(config: Config, result: FitResult, provenance: Mapping[str, Pl
 
 
 def joint_limits(robot: RobotModel) -> JointLimits:
-    """The limits of a robot's joints as a policy file holds them: None where there is no limit."""
+    """The limits of a robot's joints as in a policy file: None where there is no limit."""
     lowest, highest = robot.position_limit.T
     return JointLimits(
         finite_or_none(robot.torque_limit),
@@ -272,10 +272,10 @@ def joint_limits(robot: RobotModel) -> JointLimits:
 
 
 def safety_bounds(config: Config) -> SafetyBounds:
-    """The safety bounds of a configuration as a policy file holds them.
+    """The safety bounds of a configuration as in a policy file.
 
     Args:
-        config: Its `safety`; values of its robot's own are in place (`with_own_values`).
+        config: The configuration, completed with its robot's values (`with_own_values`).
     """
     low, high = table_bounds(config.safety)
     height, roll, pitch, *joints = zip(low.tolist(), high.tolist(), strict=True)

@@ -1,8 +1,8 @@
 """The precision of a run's trainings: chosen once, when the run is begun, and kept.
 
-Runs of versions that wrote down no choice multiplied in bfloat16 where the processor has
-instructions for it, if their configuration says `bfloat16`; they go on like that. Read
-`learning.precision` for how the choice is made.
+Early versions recorded no choice: unless `float32` was configured, they used bfloat16 wherever the
+processor has instructions for it. Their runs continue like that. Read `learning.precision` for how
+the choice is made.
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from surefoot.learning.step import choose_device, has_bfloat16
 
 
 def choose_for_run(config: Config) -> PrecisionChoice:
-    """The precision of a new run; where it is `auto`, measuring it takes about half a second.
+    """The precision of a new run; if `auto` is configured, measuring takes about half a second.
 
     Raises:
-        ValueError: The configured device is not there, or lacks the configured precision.
+        ValueError: The configured device does not exist, or lacks the configured precision.
     """
     network = PolicyNetwork(config.policy, inputs=observation_spec(config).input_size)
     return choose_precision(network, config.training)
 
 
 def kept_precision(training: TrainingConfig, choice: PrecisionChoice | None) -> TrainingConfig:
-    """How a run trains its policies: as configured, in the precision chosen when it was begun.
+    """The training configuration of a run, with the precision chosen when the run began.
 
     Args:
-        training: The run's configuration of training.
-        choice: The choice that the run has written down; None if it was begun by a version that
-            wrote down none.
+        training: The run's training configuration.
+        choice: The choice that the run recorded; None if it was begun by a version that recorded
+            none.
 
     Raises:
-        ValueError: The configured device is not there.
+        ValueError: The configured device does not exist.
     """
     if choice is not None:
         return replace(training, precision=choice.chosen)
@@ -45,7 +45,7 @@ def kept_precision(training: TrainingConfig, choice: PrecisionChoice | None) -> 
 
 
 def with_precision_of(config: Config, before: Config) -> Config:
-    """A configuration whose `auto` is the precision that a run of earlier versions has in its own.
+    """The configuration, with `auto` replaced by the precision of a run of an earlier version.
 
     Args:
         config: The configuration with which the run is resumed.

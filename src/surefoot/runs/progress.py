@@ -1,4 +1,4 @@
-"""A bar that shows the epochs of a training, with the losses so far."""
+"""A progress bar of a training's epochs, with the latest losses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from surefoot.learning.train import Progress
 
 @contextmanager
 def epochs_bar(title: str) -> Iterator[Progress]:
-    """A bar of the epochs of a training; the value is the progress for `surefoot.learning.train`.
+    """A progress bar of epochs; yields the progress function for `surefoot.learning.train`.
 
     Args:
         title: Text of the bar.
@@ -22,7 +22,7 @@ def epochs_bar(title: str) -> Iterator[Progress]:
 
         def progress(epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:
             if bar.n == 0:
-                # Those of a checkpoint count, but took no time now.
+                # Epochs before a checkpoint count as done, but took no time now.
                 bar.initial = bar.n = epoch - 1
             bar.total = epochs
             bar.update()

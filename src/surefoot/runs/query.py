@@ -1,10 +1,10 @@
-"""LocoDAGGER's data collection (paper, Algorithm 3): the expert drives from states seen before.
+"""LocoDAGGER's data collection (paper, Algorithm 3): the expert drives from visited states.
 
 for j = 1 .. N_query:
     s_0 <- a random state of the rollout
     the expert drives from s_0 for T_query, D <- D u {its frames}
 
-`methods.loco_dagger` hands a `Query` to its job, which calls it with the rollouts of each chunk.
+`methods.loco_dagger` gives a `Query` to its job, which calls it with the rollouts of each chunk.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from surefoot.types import GRID, IntArray, to_ticks
 
 @dataclass(frozen=True)
 class Query:
-    """Expert rollouts from random states of each rollout, at the gait phase they were seen at.
+    """Expert rollouts from random states of each rollout, which keep the gait phase of the state.
 
-    The states of a rollout are different ones; if it has fewer than N_query on the expert's grid,
-    there is a query from each of them. A query is the same robot on the same floor: friction, mass,
-    sensor noise and the torques under way go on (`Rollout.branch`), and so does what a policy with
-    a history remembers. The pushes of the rollout do not; a push of the size of `expert_impulse`
-    comes early, if that is not zero.
+    No state of a rollout is chosen twice; if fewer than N_query states are on the expert's grid,
+    there is a query from each of them. A query is the same robot on the same ground: it keeps
+    friction, mass, sensor noise and delayed torques (`Rollout.branch`), and also what a policy with
+    a history remembers. It does not keep the pushes of the rollout; instead it has an early push of
+    `expert_impulse`, if that is not zero.
 
     Attributes:
-        N_query: Number of queries of each rollout, at most.
+        N_query: Largest number of queries of each rollout.
         T_query: Duration of each query [s]; a query that fails is dropped whole.
-        before_fall: Time before a failure from which on no state is taken [s].
+        before_fall: Time before a failure in which no state is chosen [s].
     """
 
     N_query: int
@@ -44,10 +44,10 @@ class Query:
     before_fall: float
 
     def __call__(self, job: Job, rollouts: Rollout) -> Job | None:
-        """The expert's rollouts from states of these; None if no rollout lasted long enough.
+        """The queries of these rollouts as a job; None if no rollout lasted long enough.
 
         Args:
-            job: The job that was played out.
+            job: The job whose rollouts have been run.
             rollouts: Its B rollouts.
         """
         robots: list[int] = []
@@ -61,7 +61,7 @@ class Query:
                 ids.append(replace(EpisodeId.from_number(episode), query=j).number)
         if not ids:
             return None
-        # Friction, mass, noise and late torques go on; the pushes of the rollout do not.
+        # Friction, mass, noise and delayed torques are kept, but not the pushes of the rollout.
         branches = rollouts.branch(
             np.array(robots), np.array(elapsed_ticks), self.T_query, np.array(ids)
         )
@@ -85,12 +85,12 @@ class Query:
         clock = int(rollouts.starts.tick[robot]) + np.arange(max(length, 0))
         grid = np.flatnonzero(clock % GRID == 0)
         rng = np.random.default_rng(seed_of(job.config.seed, "query", int(job.episode[robot])))
-        # Without replacement: a second query from one state would be the first once more.
+        # Without replacement: a second query from the same state would repeat the first.
         return np.sort(rng.choice(grid, min(self.N_query, len(grid)), replace=False))
 
 
 def _at_the_origin(episodes: Episodes) -> Episodes:
-    """Episodes that begin at x = y = 0, as initial states do, on the ground that they were on."""
+    """Episodes moved to begin at x = y = 0, as initial states do, together with their ground."""
     q = episodes.starts.q.copy()
     place = q[:, :2].copy()
     q[:, :2] = 0.0
@@ -100,7 +100,7 @@ def _at_the_origin(episodes: Episodes) -> Episodes:
 
 
 def _with_own_pushes(queries: Job) -> Job:
-    """Queries with pushes drawn from their own ids, and all else as it was in their rollouts."""
+    """Queries with pushes drawn from their own ids, and otherwise as disturbed as the rollouts."""
     inherited = queries.episodes.disturbance or Disturbance()
     undisturbed = replace(queries.episodes, disturbance=None, late=None)
     pushes = disturbance_of(replace(queries, episodes=undisturbed)).pushes

@@ -1,9 +1,9 @@
-"""A run is a folder: config and versions, metrics as JSON lines, data, policies. Kill it any time.
+"""A run is a folder with config, versions, metrics, data and policies. Kill it at any time.
 
-A stage (collect, train, validate of an iteration) is done once its record is in ``metrics.jsonl``;
-everything it wrote before that is whole or not there. A run that is opened again resumes with the
-first stage that is not done, and ends with the same bits. Next: `runs.setup`, `runs.metrics`,
-`runs.stages`.
+A stage (an iteration's collection, training or validation) is done once its record is in
+``metrics.jsonl``; each file that it writes before that is either complete or absent. A run that is
+opened again resumes at the first stage that is not done, and ends with the same bits. Next:
+`runs.setup`, `runs.metrics`, `runs.stages`.
 """
 
 from __future__ import annotations
@@ -66,14 +66,15 @@ class Run:
     Args:
         folder: Folder of the run.
         config: Configuration of the run.
-        precision: The number format that was chosen when it was begun (see `Setup`).
+        precision: The number format that was chosen when the run began (see `Setup`).
 
     Attributes:
         folder: Folder of the run.
-        config: Configuration of the run, as it was asked for.
-        precision: The number format that was chosen when it was begun, or None (`runs.precision`).
+        config: Configuration of the run.
+        precision: The number format that was chosen when the run began, or None
+            (`runs.precision`).
         dataset: D, all frames that the run has kept.
-        listeners: Functions that are called with each record once it is on the disk.
+        listeners: Functions that are called with each record once it is on disk.
     """
 
     def __init__(
@@ -88,7 +89,7 @@ class Run:
         self._records: list[StageRecord] = []
 
     def claim(self) -> None:
-        """Keep other processes from training in the folder, until this one ends, however it ends.
+        """Keep other processes from training in the folder until this one ends, even if killed.
 
         Raises:
             RunError: Another process is training in the folder.
@@ -113,7 +114,7 @@ class Run:
         return self.folder / "episodes" / f"{shard}.npz"
 
     def trace_path(self, shard: str) -> Path:
-        """File of what a shard's robots measured, from which a history gate learns."""
+        """File of a shard's traces, from which a history gate learns."""
         return self.folder / "traces" / f"{shard}.npz"
 
     def gate_path(self, kind: LearnedGate, iteration: int) -> Path:
@@ -122,12 +123,12 @@ class Run:
 
     @property
     def expert_path(self) -> Path:
-        """File of the identity of a user's own MPC (`surefoot.mpc.identity`)."""
+        """File with the identity of a user's own MPC (`surefoot.mpc.identity`)."""
         return self.folder / EXPERT_FILE
 
     @property
     def has_begun(self) -> bool:
-        """Whether the folder holds results of the run, which would be lost or mixed with others."""
+        """Whether the folder holds results that a new run would overwrite or mix with its own."""
         return bool(self.metrics or self.dataset.shards)
 
     @property
@@ -137,7 +138,7 @@ class Run:
 
     @property
     def best_policy_path(self) -> Path:
-        """File of the policy that the run chose, as `metrics.Best` says.
+        """File of the policy that the run chose as its best (`metrics.Best`).
 
         Raises:
             RunError: The run is not finished.
@@ -152,7 +153,7 @@ class Run:
 
     @property
     def name(self) -> str:
-        """Name of the run's folder, however it is spelled."""
+        """Name of the run's folder; relative paths and links are resolved first."""
         return self.folder.resolve().name
 
     @property
@@ -161,21 +162,21 @@ class Run:
         return method_name(self.config)
 
     def seed(self, purpose: str, iteration: int) -> np.random.SeedSequence:
-        """Seed of an iteration's draws for a purpose: fixed by the root seed, not by the worker."""
+        """Seed of an iteration's draws for one purpose, derived from the root seed."""
         return seed_of(self.config.seed, purpose, iteration)
 
     def torch_seed(self, purpose: str, iteration: int) -> int:
-        """The seed of an iteration's training for a purpose as one number, for PyTorch."""
+        """Seed of an iteration's training for one purpose, as a single number for PyTorch."""
         seed = self.config.training.seed
         root = self.config.seed if seed is None else seed
         return int(seed_of(root, purpose, iteration).generate_state(1)[0])
 
     @property
     def metrics(self) -> list[StageRecord]:
-        """One record for each stage that is done, in the order they were done.
+        """One record for each stage that is done, in the order in which they were done.
 
         Raises:
-            RunError: A line of the file cannot be read, or repeats the stage of another one.
+            RunError: A line of the file cannot be read, or repeats the stage of another line.
         """
         content = self._metrics_content()
         if content != self._parsed:
@@ -199,7 +200,7 @@ class Run:
         return self._find(Validated, iteration)
 
     def gate_trained(self, kind: LearnedGate, iteration: int) -> GateTrained | None:
-        """The record of the training of an iteration's learned gate, or None if it is not done."""
+        """The record of the training of an iteration's gate, or None if it is not done."""
         gates = [record for record in self.metrics if isinstance(record, GateTrained)]
         for record in gates:
             if record.kind == kind and record.iteration == iteration:
@@ -212,19 +213,19 @@ class Run:
         return self._find(Best, 0)
 
     def append_metrics(self, record: Record) -> Record:
-        """Write the record of a stage into the metrics, which makes the stage done.
+        """Write the record of a stage into the metrics, which marks the stage as done.
 
         Args:
-            record: The record; numbers that are not finite become None, as JSON has none.
+            record: The record; numbers that are not finite become None, as JSON cannot write them.
 
         Returns:
-            The record as it is read back.
+            The record as it would be read back.
 
         Raises:
             RunError: A line of the file cannot be read, or the stage is done already.
             WriteError: The file cannot be written.
         """
-        # A damaged file is an error, not something to append to.
+        # Reading the records first raises an error for a damaged file.
         if any(stage_of(done) == stage_of(record) for done in self.metrics):
             raise RunError(
                 f"{self.metrics_path} has a record of the stage {record.stage} of iteration "
@@ -238,7 +239,7 @@ class Run:
         return written
 
     def _metrics_content(self) -> bytes:
-        """The bytes of the metrics file; none if there is no file yet."""
+        """The bytes of the metrics file; empty if there is no file yet."""
         if not self.metrics_path.exists():
             return b""
         try:
@@ -247,7 +248,7 @@ class Run:
             raise RunError(f"{error}; restore it from a copy, or remove it") from error
 
     def _find(self, kind: type[Record], iteration: int) -> Record | None:
-        """The first record of a kind and an iteration."""
+        """The first record of a kind for an iteration, or None if there is none."""
         for record in self.metrics:
             if isinstance(record, kind) and record.iteration == iteration:
                 return record
@@ -255,31 +256,32 @@ class Run:
 
 
 def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
-    """Create a run in a folder, or resume the one that is there; it belongs to this process.
+    """Create a run in a folder, or resume the run there; this process then owns the folder.
 
     A new run whose precision is `auto` first measures which one is faster, in less than a second;
-    what else is None in its configuration is filled in (`runs.initial_states`).
+    other fields that are None in its configuration are filled in (`runs.initial_states`).
 
     Args:
-        folder: Folder of the run, new or empty, or with a run to resume.
+        folder: Folder of the run: new, empty, or with a run to resume.
         config: Configuration of the run.
         resume: Whether a run in the folder may be resumed.
 
     Raises:
         WriteError: The folder cannot be written to.
-        RunError: The folder holds something else, or a run that is another one or not to resume.
-        ValueError: The configured device is not there, or lacks the configured precision.
+        RunError: The folder holds no run but other files, a run with another configuration, or a
+            run and `resume` is False.
+        ValueError: The configured device does not exist, or lacks the configured precision.
     """
     folder = Path(folder)
     path = folder / CONFIG_FILE
     check_folder(folder, resume)
     run = Run(folder, config)
-    run.claim()  # first: of two that begin together, only one may read and write what follows
+    run.claim()  # first: if two processes begin together, only one may read and write what follows
     _remove_left_overs(folder)
     run.config = config_for(folder, config, resume)
     if path.exists():
         before = open_run(folder)
-        goes_on = resume or before.has_begun  # if not, nothing would be lost
+        goes_on = resume or before.has_begun  # otherwise a new run overwrites no results
         if goes_on and before.precision is None:
             run.config = with_precision_of(run.config, before.config)
         other = changes_text(run.config, before.config)
@@ -302,9 +304,9 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
 
 
 def _remove_left_overs(folder: Path) -> None:
-    """Remove what a killed process of the run has left in its folder, which this one has locked.
+    """Remove partly written files of a killed process from the run's folder, now locked.
 
-    What lies beside the run's own files may be a film that another process is drawing now.
+    Only the run's own files count: others may be films that another process is drawing now.
     """
     own = [part for name in OWN for part in (folder / name).glob(".*")]
     for part in [*own, *folder.glob(".*")]:
@@ -314,17 +316,17 @@ def _remove_left_overs(folder: Path) -> None:
 
 
 def config_for(folder: Path, config: Config, resume: bool = False) -> Config:
-    """The configuration of a run that is to begin in a folder, or to go on there.
+    """The configuration of a run that begins or resumes in a folder.
 
     Args:
         folder: Folder of the run.
-        config: The configuration as it is asked for.
-        resume: Whether a run in the folder that has kept nothing yet is to go on too; without it,
-            such a run begins anew.
+        config: The requested configuration.
+        resume: Whether to resume even a run that has no results yet; without it, such a run starts
+            over.
 
     Raises:
         RunError: The run's config cannot be read.
-        ValueError: The robot does not walk in this gait, or not at these commands.
+        ValueError: The robot cannot walk in this gait or at these commands.
     """
     if (folder / CONFIG_FILE).exists():
         before = open_run(folder)
@@ -357,7 +359,7 @@ def run_of_policy(policy: Path) -> Run | None:
 
 
 def warn_of_versions(run: Run) -> None:
-    """Warn if a run was begun with other versions than these."""
+    """Warn if a run was begun with other versions than those installed now."""
     differences = changed_versions(read_setup(run.folder).versions, run.config.simulation.backend)
     if differences:
         warnings.warn(
@@ -375,11 +377,11 @@ def check_folder(folder: Path, resume: bool) -> None:
         resume: Whether a run in the folder may be resumed.
 
     Raises:
-        RunError: The folder holds something else, or a run that is not to be resumed.
+        RunError: The folder holds no run but other files, or a run and `resume` is False.
     """
     path = folder / CONFIG_FILE
     if folder.exists() and not path.exists():
-        # A kill in the very first moment leaves no more than a lock, initial states, or parts.
+        # A run that is killed as it begins leaves only a lock, copies, or partly written files.
         foreign = [
             part for part in folder.iterdir() if not whole_name(part) and part.name not in EARLY
         ]

@@ -1,9 +1,9 @@
-"""What a method's rollouts begin from and leave behind: initial states, disturbance, kept frames.
+"""The initial states and disturbances of a method's rollouts, and the rules for keeping frames.
 
-`expert_rollouts` is behavior cloning's data (paper, II-A), `pretraining_rollouts` that with which
-the iterative methods begin; `draw_starts` are the initial states of their later iterations (IV-E).
-`expert_frames` and `keep_unless_failed` are the rules by which frames enter D. Read
-`runs.episode_ids` for the ids and `rollouts.jobs` for what becomes of a job.
+`expert_rollouts` is behavior cloning's data (paper, II-A), `pretraining_rollouts` the data that the
+iterative methods begin with; `draw_starts` draws the initial states of their later iterations
+(IV-E). `expert_frames` and `keep_unless_failed` are the rules that decide which frames enter D.
+Read `runs.episode_ids` for the ids and `rollouts.jobs` for how a job is run.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from surefoot.types import BoolArray, IntArray, PlanFunction
 
 
 def rising_share(first: float, i: int, iterations: int) -> float:
-    """A share that rises evenly to 1 in the last iteration; where there is one only, the first.
+    """A share that rises evenly from `first` to 1 in the last iteration; `first` if there is one.
 
     Args:
         first: Share in the first iteration.
@@ -45,7 +45,7 @@ def rising_share(first: float, i: int, iterations: int) -> float:
 
 
 def disturbance_in(config: Config, i: int, iterations: int) -> DisturbanceConfig:
-    """What disturbs the rollouts of iteration i of N: pushes grow from gentle to their full size.
+    """The disturbance in iteration i of N: pushes grow from gentle to their full size.
 
     Args:
         config: Configuration of the run.
@@ -70,10 +70,10 @@ def expert_rollouts(
         config: Configuration of the run.
         data: Number and length of the rollouts.
         plan: The expert's MPC, any plain function; None for the BiConMP-style planner.
-        disturbance: What disturbs the rollouts; None for nothing.
+        disturbance: The disturbance of the rollouts; None for no disturbance.
 
     Raises:
-        ValueError: The stored set has fewer initial states than are asked for.
+        ValueError: The stored set has too few initial states.
     """
     stored = all_starts_of(config)
     starts = stored.join([_expert_starts(config, each, data) for each in stored.sets])
@@ -93,13 +93,13 @@ def _expert_starts(config: Config, stored: StartSet, data: ExpertData) -> Starts
     """The initial states of the expert's rollouts in one gait.
 
     Raises:
-        ValueError: The stored set has fewer initial states than are asked for.
+        ValueError: The stored set has too few initial states.
     """
     split = config.starts
     starts = stored[split][expert_rows(stored, split, data)]
     if not data.nominal:
         return starts
-    # From standing still, as a robot is switched on: no other initial state teaches that.
+    # Also start from standing still, as when a robot is switched on: no stored state teaches that.
     first = stored.rows(split)[0, 0, stored.velocities(split, data.velocities)]
     speeds = np.unique(stored[split].command[first], axis=0)
     return join_starts([at_rest(standing(load_robot(config.robot)), speeds), starts])
@@ -108,14 +108,14 @@ def _expert_starts(config: Config, stored: StartSet, data: ExpertData) -> Starts
 def episodes_from(
     config: Config, starts: Starts, i: int, duration: float, tail: float = 0.0
 ) -> Episodes:
-    """The episodes of an iteration; robots of several gaits change theirs at random times.
+    """The episodes of an iteration; with several gaits, robots change theirs at random times.
 
     Args:
         config: Configuration of the run.
-        starts: Where they begin.
+        starts: Initial states of the episodes.
         i: The iteration; 0 is the pre-training.
-        duration: The duration of the episodes proper [s].
-        tail: The time after that [s].
+        duration: Duration of the episodes before their tails [s].
+        tail: Duration of the expert's tail after that [s].
     """
     ids = rollout_ids(i, len(starts))
     switches = draw_switches(config, starts, duration, ids)
@@ -125,20 +125,20 @@ def episodes_from(
 def pretraining_rollouts(
     config: Config, method: IterativeConfig, plan: PlanFunction | None = None
 ) -> Job:
-    """The expert rollouts with which an iterative method begins; the arguments as above."""
+    """The expert rollouts that an iterative method begins with, as in `expert_rollouts`."""
     return expert_rollouts(config, method.pretraining, plan, config.pretraining)
 
 
 def expert_rows(stored: StartSet, split: TeachingSplit, data: ExpertData) -> IntArray:
-    """Rows of a split to clone from: velocities x ten phases x perturbations, or none.
+    """Rows of a split to clone from: velocities x all phases x perturbations.
 
     Args:
         stored: The set of initial states.
         split: The split.
-        data: How many of them there are to be.
+        data: Numbers of velocities and perturbations; without perturbations there are no rows.
 
     Raises:
-        ValueError: The stored set has fewer initial states than are asked for.
+        ValueError: The stored set has too few initial states.
     """
     grid = stored.rows(split)
     if data.perturbations > grid.shape[0]:
@@ -152,10 +152,10 @@ def expert_rows(stored: StartSet, split: TeachingSplit, data: ExpertData) -> Int
 
 
 def series_order(stratum: IntArray, rng: np.random.Generator) -> IntArray:
-    """``(n,)`` a random order, of which every beginning holds each stratum in its share.
+    """``(n,)`` a random order in which any first part has each stratum in its share.
 
     Args:
-        stratum: ``(n,)`` the stratum of each of n things, as a number.
+        stratum: ``(n,)`` the stratum of each of n items, as a number.
         rng: Random generator.
     """
     position = np.empty(len(stratum))
@@ -166,12 +166,13 @@ def series_order(stratum: IntArray, rng: np.random.Generator) -> IntArray:
 
 
 def draw_starts(config: Config, method: IterativeConfig, i: int) -> Starts:
-    """The initial states of an iteration in each gait, drawn from a seed of its own.
+    """The initial states of an iteration in each gait, drawn with the iteration's own seed.
 
-    Of the perturbed ones, those of each velocity are at one random phase, and random perturbations
-    of those that the pre-training has left. A settled gait cycle has but one state at each phase:
-    there, random phases of each velocity are drawn, of all that there are. Driven by another
-    policy, under other disturbances, they are other rollouts than those of the pre-training.
+    With perturbed states, one random phase is drawn for each velocity, and random perturbations
+    among those that the pre-training has not used. The `nominal` split has only one state at each
+    phase of a settled gait cycle, so random phases are drawn for each velocity, among all phases.
+    The pre-training used the same states, but the rollouts differ: another policy drives, and the
+    disturbances are different.
 
     Args:
         config: Configuration of the run: its seed, and the split.
@@ -179,7 +180,7 @@ def draw_starts(config: Config, method: IterativeConfig, i: int) -> Starts:
         i: The iteration, from 1 on.
 
     Raises:
-        ValueError: The stored set has fewer initial states than are asked for.
+        ValueError: The stored set has too few initial states.
     """
     rng = np.random.default_rng(seed_of(config.seed, "starts", i))
     split = config.starts
@@ -190,7 +191,7 @@ def draw_starts(config: Config, method: IterativeConfig, i: int) -> Starts:
 
 
 def _in_order(config: Config, starts: Starts, rng: np.random.Generator) -> Starts:
-    """Initial states in the order of their ids; random if a budget may end their rollouts early."""
+    """Initial states as they are, or in random order if a budget may end their rollouts early."""
     if config.budget.expert_seconds is None:
         return starts
     return starts[series_order(all_starts_of(config).phases(starts.id), rng)]
@@ -202,7 +203,7 @@ def _phases_of_the_cycle(
     """Rows of the `nominal` split: random phases of each velocity.
 
     Raises:
-        ValueError: More are asked for than there are.
+        ValueError: The split has too few phases.
     """
     grid = stored.rows("nominal")
     phases = grid.shape[1]
@@ -222,10 +223,10 @@ def _phases_of_the_cycle(
 def _perturbed_states(
     stored: StartSet, method: IterativeConfig, rng: np.random.Generator
 ) -> IntArray:
-    """Rows of the `train` split: of each velocity one random phase, random perturbations.
+    """Rows of the `train` split: one random phase of each velocity, and random perturbations.
 
     Raises:
-        ValueError: More are asked for than the pre-training leaves.
+        ValueError: The pre-training leaves too few perturbations.
     """
     grid = stored.rows("train")[method.pretraining.perturbations :]
     perturbations, phases, _ = grid.shape
@@ -248,10 +249,10 @@ def keep_unless_failed(rollouts: Rollout) -> BoolArray:
 
 
 def expert_frames(rollouts: Rollout) -> BoolArray:
-    """``(B, T)`` True for the frames that the expert drove and that are kept, tail included.
+    """``(B, T)`` True for the frames in which the expert drove, except a block that ended badly.
 
-    A block of the expert that ends in a fall or a divergence is dropped whole; it teaches how to
-    fall. Earlier blocks of that rollout ended well and are kept.
+    A block of the expert that ends in a fall or a divergence is dropped whole, because it teaches
+    how to fall. Earlier blocks of that rollout ended well and are kept. The tail is a block too.
     """
     keep = rollouts.expert_drove & rollouts.happened
     for robot in np.flatnonzero(rollouts.failed):

@@ -1,4 +1,4 @@
-"""What fixes a run's results, as it stands in the run's ``config.json``. Next: `runs.run`."""
+"""The content of a run's ``config.json``, which fixes the run's results. Next: `runs.run`."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ from surefoot.runs.layout import CONFIG_FILE, RunError
 
 @dataclass(frozen=True)
 class Setup:
-    """The content of a run's ``config.json``: what fixes its results.
+    """The content of a run's ``config.json``, which fixes the run's results.
 
     Attributes:
         config: The run's configuration.
-        versions: Version of Python, the processor and each package by name, when it was begun.
-        precision: The number format that all its trainings multiply in; None in runs of versions
-            that did not write it down.
-        starts_hash: The hash of its initial states; empty in runs of versions that did not write it
-            down.
+        versions: The Python version, the processor and each package's version when the run began,
+            by name.
+        precision: The number format in which all its trainings multiply; None in runs of versions
+            that did not record it.
+        starts_hash: The hash of its initial states; empty in runs of versions that did not record
+            it.
     """
 
     config: Config
@@ -31,9 +32,9 @@ class Setup:
 
 
 def has_setup(folder: Path) -> bool:
-    """Whether a folder has a run's configuration; a damaged file is taken for one.
+    """Whether a folder has a run's configuration; a damaged file counts as one.
 
-    Other programs have a ``config.json`` too.
+    A ``config.json`` of another program does not count.
     """
     path = folder / CONFIG_FILE
     if not path.exists():
@@ -46,7 +47,7 @@ def has_setup(folder: Path) -> bool:
 
 
 def read_setup(folder: Path) -> Setup:
-    """The configuration and the versions that a run was started with, as they are in its file.
+    """The setup that a run was begun with, read from its ``config.json``.
 
     Raises:
         RunError: There is no run, or its config cannot be read.

@@ -1,8 +1,8 @@
 """The stages that all methods share: collect data, train, validate, choose the best policy.
 
-Each function is one stage of an iteration of the paper's Algorithms 1 to 4; a stage whose record is
-in the run's metrics is not done again, so that a run can be resumed. The methods (`methods`) put
-them in order; `runs.gate_training` adds the stages of learned gates.
+The stages are those of an iteration of the paper's Algorithms 1 to 4. A stage whose record is in
+the run's metrics is not done again, so that a run can be resumed. The methods (`methods`) call the
+stages in order; `runs.gate_training` adds the training of learned gates.
 """
 
 from __future__ import annotations
@@ -69,19 +69,19 @@ def collect_data(
 ) -> Collected:
     """D <- D u D': run the episodes of a job and append the frames that its rule keeps.
 
-    A budget (`config.budget`) ends it before the rollout that would exceed it.
+    A budget (`config.budget`) ends the collection before the rollout that would exceed it.
 
     Args:
         run: The run.
         iteration: The iteration i.
         job: The iteration's rollouts.
         workers: Processes that run the rollouts; the result does not depend on them.
-        play: Plays the rollouts: in a simulator, or on a robot.
+        play: Runs the rollouts, in a simulator or on a robot.
 
     Raises:
         ValueError: The run was begun with another expert (a `RunError` if its plans at the fixed
             states differ), or holds rollouts of another job.
-        RunError: The expert has failed in all rollouts; nothing of them is stored.
+        RunError: The expert has failed in all rollouts; none of them is stored.
     """
     if run.has_begun:
         check_expert(run, job.plan)
@@ -96,7 +96,7 @@ def collect_data(
                 f"{expert_name(job)}; resume it with the same one, or begin another run"
             )
         known = None if allowed is None else Limit(allowed, done.episodes)
-        run_and_store(run, iteration, job, workers, known, play)  # only what is lost
+        run_and_store(run, iteration, job, workers, known, play)  # runs only lost chunks
         return done
     began = time.perf_counter()
     limit = None if allowed is None else Limit(allowed)
@@ -125,22 +125,22 @@ def collect_data(
 
 
 def dataset_of(run: Run, iteration: int) -> Dataset:
-    """D of iteration i. Later shards are there if an earlier stage has to be done again."""
+    """D of iteration i, without later shards, which exist if an early stage is done again."""
     return run.dataset.before(end_of_iteration(iteration))
 
 
 def first_frames(run: Run, frames: int) -> Dataset:
-    """Whole episodes of D that have at most this many frames together.
+    """Whole episodes of D that together have at most this many frames.
 
-    They are the first ones in a random order that is fixed by the run's seed, and in which every
-    beginning holds each phase of the gait in its share: D is stored phase by phase.
+    They are the first episodes in a random order that the run's seed fixes. D is stored phase by
+    phase, so this order is stratified: any first part of it has each gait phase in its share.
 
     Args:
         run: The run.
         frames: The largest number of frames.
 
     Raises:
-        ValueError: Not even the first episode has so few frames.
+        ValueError: The first episode alone has more frames than that.
     """
     summary = join_summaries(
         [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
@@ -160,24 +160,24 @@ def first_frames(run: Run, frames: int) -> Dataset:
 def train_policy(
     run: Run, iteration: int, epochs: int | Steps, data: Dataset | None = None, fresh: bool = False
 ) -> Trained:
-    """Train pi_i on D, starting from pi_{i-1}; the first starts from random weights.
+    """Train pi_i on D, starting from pi_{i-1}; pi_0 starts from random weights.
 
     Args:
         run: The run.
         iteration: The iteration i.
         epochs: Number of passes over the data, or of steps.
         data: Data to train on; None for D of iteration i.
-        fresh: Whether to start from the random weights again.
+        fresh: Whether to start from the random weights of pi_0 instead of from pi_{i-1}.
 
     Raises:
         RunError: The policy was lost, and training it again gave another loss.
-        PolicyFileError: The file of the policy is damaged, or of the one before.
+        PolicyFileError: The file of this policy or of the previous one is damaged.
     """
     done = run.trained(iteration)
     checkpoint = run.checkpoint_path(iteration)
     if done is not None and run.policy_path(iteration).exists():
-        load_policy(run, iteration)  # a damaged file is an error now, not when it is to drive
-        checkpoint.unlink(missing_ok=True)  # left by a run that was killed just before removing it
+        load_policy(run, iteration)  # raises now if the file is damaged, not when the policy drives
+        checkpoint.unlink(missing_ok=True)  # left if the run was killed just before removing it
         return done
     began = time.perf_counter()
     if data is None:
@@ -218,7 +218,7 @@ def train_policy(
 
 
 def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bool) -> FitResult:
-    """Fit a network under a progress bar; it resumes from the checkpoint if there is one."""
+    """Fit a network and show a progress bar; resume from the checkpoint if there is one."""
     config = run.config
     if iteration == 0 or fresh:
         inputs = policy_spec(config).observation.input_size
@@ -239,21 +239,21 @@ def _fit(run: Run, iteration: int, epochs: int | Steps, data: Dataset, fresh: bo
 
 
 def training_data(config: Config, data: Dataset) -> Dataset | Mirrored:
-    """What a fit sees of a dataset: with mirror images of the frames, if that is asked for.
+    """The data that a network is fitted to: a dataset, with mirrored frames if configured.
 
     Args:
         config: Robot, gaits, and the training's mirror.
         data: The dataset.
 
     Raises:
-        ValueError: A mirror is named, and the robot or a gait is not its own mirror image.
+        ValueError: A mirror is configured, but the robot or a gait is not its own mirror image.
     """
     mirror = training_mirror(config)
     return data if mirror is None else Mirrored(data, mirror)
 
 
 def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> None:
-    """Write the policy of an iteration, with where it comes from."""
+    """Write the policy of an iteration, with its provenance."""
     provenance = {
         "run": run.name,
         "method": run.method,
@@ -265,7 +265,7 @@ def _save_policy(run: Run, iteration: int, data: Dataset, result: FitResult) -> 
 
 
 def validate_policy(run: Run, iteration: int, workers: Workers) -> Validated:
-    """Measure the robustness of pi_i on the `select` initial states, by which a policy is chosen.
+    """Measure the robustness of pi_i on the `select` initial states, used to choose the policy.
 
     Args:
         run: The run.
@@ -288,12 +288,13 @@ def validate_policy(run: Run, iteration: int, workers: Workers) -> Validated:
 
 
 def choose_best_policy(run: Run, last: int, first: int = 0) -> Best:
-    """Choose the policy with the most successes on `select`, of iterations first to last.
+    """Choose the policy of iterations first to last that has the most successes on `select`.
 
-    Among equals it is the one trained on the most data: where all succeed, tracking errors differ
-    by chance, and later policies withstand harder pushes (``benchmarks/README.md``). Where only the
-    last iteration trains in full (`steps_before_last`), an earlier policy has to be better beyond
-    chance to be chosen: it was trained to collect data, and withstands less.
+    Ties go to the latest iteration, whose policy was trained on the most data: where all succeed,
+    tracking errors differ by chance, and later policies withstand harder pushes
+    (``benchmarks/README.md``). If only the last iteration trains in full (`steps_before_last`), an
+    earlier policy is chosen only if it is better beyond chance: it was trained to collect data, and
+    withstands less.
 
     Args:
         run: The run.
@@ -320,6 +321,6 @@ def choose_best_policy(run: Run, last: int, first: int = 0) -> Best:
 
 
 def _is_better(policy: Validated, other: Validated) -> bool:
-    """Whether a policy succeeds more often than another beyond chance, from the same states."""
+    """Whether a policy succeeds more often than another from the same states, beyond chance."""
     difference = success_difference(policy, other)
     return difference is not None and difference.interval is not None and difference.interval[0] > 0

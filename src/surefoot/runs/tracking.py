@@ -1,9 +1,9 @@
 """A run's metrics in TensorBoard, Weights & Biases or trackio, where people compare runs.
 
-The truth is ``metrics.jsonl`` (`runs.metrics`). What a tracker has is a copy, made anew each time a
-run is opened, so that a resumed run has every number once; it is no part of the run's state, and a
-tracker that fails costs a warning, never the run. Nothing leaves the machine unless the user says
-so with the tracker's own variables (``WANDB_MODE=online``, ``TRACKIO_SPACE_ID``).
+The original is ``metrics.jsonl`` (`runs.metrics`). A tracker has a copy, made anew each time a run
+is opened, so that a resumed run has every number once. The copy is not part of the run's state; if
+a tracker fails, there is a warning and the run continues. Nothing leaves the machine unless the
+user allows it with the tracker's own variables (``WANDB_MODE=online``, ``TRACKIO_SPACE_ID``).
 """
 
 from __future__ import annotations
@@ -28,39 +28,39 @@ from surefoot.runs.run import Run
 logger = logging.getLogger(__name__)
 
 Tracker = Literal["tensorboard", "wandb", "trackio"]
-"""What can show a run's metrics; each is an extra of the package, of the same name."""
+"""The trackers that can show a run's metrics; each is a package extra of the same name."""
 PROJECT = "surefoot"
 """The project of all runs, in trackers that sort runs by projects."""
 LEFT_OUT = ("stage", "iteration", "failed_episodes", "lost_at")
-"""Fields of a record that say where it belongs, and ids of episodes: they are no measurements."""
+"""Fields of a record that are not measurements: where it belongs, and ids of episodes."""
 VELOCITY = ("vx", "vy", "yaw_rate")
 """Names of the three numbers of a velocity error."""
 IDENTITY = re.compile(rb"[0-9a-f]{12}")
-"""What a kept id looks like. Folders are found by it, and deleted: it may hold nothing else."""
+"""The pattern of a stored id. Folders are found by the id and deleted, so nothing else may pass."""
 
 
 class Copy(Protocol):
     """The copy of a run's metrics that a tracker has."""
 
     def add(self, record: StageRecord) -> None:
-        """Take the numbers of a stage."""
+        """Add the numbers of a stage to the copy."""
         ...
 
     def close(self) -> None:
-        """Write what is waiting, and let go of the tracker."""
+        """Write what is still buffered, and close the tracker."""
         ...
 
 
 @contextmanager
 def tracked(run: Run, tracker: Tracker | None) -> Iterator[None]:
-    """Copy the metrics of all stages done, and of all to come, as long as the context lasts.
+    """Copy the metrics of all stages, those already done and those done within the context.
 
-    A number is named ``stage/field``, at the step of its iteration: ``validate/success_rate``,
-    ``validate/mse/vx``. Whatever the tracker raises is logged as a warning, once, and the run goes
-    on without it.
+    Each number is named ``stage/field``, such as ``validate/success_rate`` or ``validate/mse/vx``,
+    and its step is the iteration. If the tracker raises an error, this is logged once as a warning,
+    and the run continues without the tracker.
 
     Args:
-        run: An open run that is this process's own (`surefoot.runs.run.create`).
+        run: An open run that this process owns (`surefoot.runs.run.create`).
         tracker: Name of the tracker; None copies nothing.
 
     Raises:
@@ -91,7 +91,7 @@ def tracked(run: Run, tracker: Tracker | None) -> Iterator[None]:
 
 
 def _begin(run: Run, tracker: Tracker) -> Copy | None:
-    """A copy without any record; None if the tracker fails.
+    """An empty copy; None if the tracker fails.
 
     Raises:
         ImportError: The tracker is not installed.
@@ -114,7 +114,7 @@ def _begin(run: Run, tracker: Tracker) -> Copy | None:
 
 
 def _try(tracker: Tracker, action: Callable[[], None]) -> bool:
-    """Whether an action of a tracker succeeds; if it does not, there is a warning."""
+    """Run an action of a tracker, warn if it fails, and return whether it succeeded."""
     try:
         action()
     except Exception as error:
@@ -124,7 +124,7 @@ def _try(tracker: Tracker, action: Callable[[], None]) -> bool:
 
 
 def _warn(tracker: Tracker, error: Exception) -> None:
-    """Say that a tracker fails."""
+    """Warn that a tracker has failed."""
     logger.warning(
         "%s fails (%s); the run goes on without it, and metrics.jsonl has all numbers",
         tracker,
@@ -165,8 +165,8 @@ class _TensorBoard:
 class _Wandb:
     """A run of Weights & Biases in the run's folder ``wandb``; ``wandb sync`` uploads it later.
 
-    It has the same id each time, and each record its own step, the number of the record: so a run
-    that is tracked online takes up where it stopped, and ignores what it has.
+    The run has the same id each time, and each record's step is the number of the record, so a run
+    that is tracked online continues where it stopped and skips the records it already has.
 
     Args:
         run: The run.
@@ -215,7 +215,7 @@ class _Wandb:
         self.number += 1
 
     def close(self) -> None:
-        """Finish the run; it can be taken up again."""
+        """Finish the run; it can be continued later."""
         self.run.finish()
 
 
@@ -258,7 +258,7 @@ class _Trackio:
 
 
 def _refuse_link(folder: Path) -> None:
-    """Check that what is cleared in a folder lies in the run's own folder.
+    """Check that a folder is no link, so that nothing outside the run's folder is deleted.
 
     Raises:
         OSError: The folder is a symbolic link.
@@ -268,9 +268,9 @@ def _refuse_link(folder: Path) -> None:
 
 
 def _kept_id(path: Path) -> str:
-    """An id for a tracker's run that it keeps for good, made at random when it is first needed.
+    """The permanent id of a tracker's run, drawn at random the first time it is needed.
 
-    A file that holds anything but an id (`IDENTITY`) is replaced, with a new id.
+    A file with any content other than an id (`IDENTITY`) is replaced by one with a new id.
     """
     if path.is_symlink():
         path.unlink()
@@ -285,7 +285,7 @@ def _kept_id(path: Path) -> str:
 
 
 def scalars_of(record: StageRecord) -> Iterator[tuple[str, float]]:
-    """The numbers of a record, with a name each; texts, hashes and None have none."""
+    """The numbers of a record with their names; texts, hashes and None are left out."""
     for field in fields(record):
         if field.name not in LEFT_OUT:
             yield from _scalars(field.name, getattr(record, field.name))

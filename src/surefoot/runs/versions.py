@@ -1,6 +1,6 @@
-"""Versions of Python, the processor and packages: the same bits are promised for the same ones.
+"""Versions of Python and packages, and the processor: if these are equal, results are too.
 
-They are written into a run's ``config.json`` and compared when it is resumed (`runs.run`).
+They are written into a run's ``config.json`` and compared when the run is resumed (`runs.run`).
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def versions(backend: Backend = "mujoco") -> dict[str, str]:
     """The version of Python, the processor, and the version of each package, by name.
 
     Args:
-        backend: Name of the simulator; the version of PyBullet counts only where it is `bullet`.
+        backend: Name of the simulator; the version of PyBullet only counts for `bullet`.
     """
     names = (*PACKAGES, "pybullet") if backend == "bullet" else PACKAGES
     by_name = {"python": platform.python_version(), "processor": processor()}
@@ -35,10 +35,10 @@ def versions(backend: Backend = "mujoco") -> dict[str, str]:
 
 
 def changed_versions(before: Mapping[str, str], backend: Backend) -> list[str]:
-    """What has another version now, in words.
+    """The versions that have changed, as text.
 
     Args:
-        before: The versions of earlier, by name.
+        before: The earlier versions, by name.
         backend: Name of the simulator.
     """
     now = versions(backend)
