@@ -1,8 +1,8 @@
-"""Robots of several gaits: what each gait does alone, and what becomes of robots that change them.
+"""Evaluation of several gaits: each gait alone, and robots that change their gait.
 
-`results_by_gait` splits an evaluation by the gait that robots began and stayed in. In
-`evaluate_switching` each robot is asked for another gait six times in twenty seconds, and has to
-stay up, to keep stepping, and to follow its command in each gait. Next: `robustness`.
+`results_by_gait` splits an evaluation by the gait in which robots began and stayed. In
+`evaluate_switching` each robot is told to change its gait six times in twenty seconds, and has to
+stay up, keep stepping, and follow its command in each gait. Next: `robustness`.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, PlanFun
 from surefoot.workers import Workers, map_chunks
 
 CLOSE = 0.03
-"""[m/s] A mean velocity that is so close to its command follows it."""
+"""[m/s] A mean velocity follows its command if it differs by at most this."""
 CLOSE_SHARE = 0.2
-"""So does one that is within this share of the commanded speed."""
+"""It also does if it differs by at most this share of the commanded speed."""
 DURATION = 20.0
-"""[s] How long robots walk that change their gait."""
+"""[s] Duration of the episodes in which robots change their gait."""
 SWITCHES = 6
-"""How often they do."""
+"""Number of changes of gait in each of these episodes."""
 
 Errors = tuple[float | None, float | None, float | None]
-"""The mean size of the error of vx, vy [m/s] and yaw rate [rad/s]; None without any robot."""
+"""The mean absolute error of vx, vy [m/s] and yaw rate [rad/s]; None without any robot."""
 
 
 @dataclass(frozen=True)
@@ -47,9 +47,9 @@ class GaitSpeed:
     Attributes:
         gait: The name of the gait.
         robots: The number of robots.
-        on_speed: The number of those whose mean velocity was within `CLOSE` or `CLOSE_SHARE` of the
-            command.
-        error: The mean over the robots of the size of the error of their mean velocity.
+        on_speed: The number of robots whose mean velocity was within `CLOSE` or `CLOSE_SHARE` of
+            the command.
+        error: The mean over the robots of the absolute error of their mean velocity.
     """
 
     gait: str
@@ -60,16 +60,16 @@ class GaitSpeed:
 
 @dataclass(frozen=True)
 class GaitResult:
-    """What became of robots that stayed in one gait.
+    """The results of robots that stayed in one gait.
 
     Attributes:
         episodes: The number of episodes.
         successes: The number of robots that did not fall, stall or diverge.
-        success_interval: Wilson's 95 % interval of their share.
+        success_interval: Wilson's 95 % interval of the share of successes.
         falls: The number of robots that fell.
-        stalls: The number of robots that stayed up and stopped stepping.
-        diverged: The number of robots for which the expert had no valid plan any more.
-        speed: How the successful ones followed their commands, over whole episodes.
+        stalls: The number of robots that stayed up but stopped stepping.
+        diverged: The number of robots for which the expert no longer found a valid plan.
+        speed: How the successful robots followed their commands, over whole episodes.
     """
 
     episodes: int
@@ -83,17 +83,17 @@ class GaitResult:
 
 @dataclass(frozen=True)
 class Switching:
-    """What became of robots that changed their gait by command.
+    """The results of robots that changed their gait by command.
 
     Attributes:
         seconds: The duration of an episode [s].
         switches: How often each robot changed its gait.
-        episodes: The number of episodes, which begin in all gaits alike.
+        episodes: The number of episodes; equally many begin in each gait.
         successes: The number of robots that stayed up and kept stepping.
-        success_interval: Wilson's 95 % interval of their share.
+        success_interval: Wilson's 95 % interval of the share of successes.
         falls: The number of robots that fell.
         outcomes: One digit for each episode, its `Outcome`.
-        lost_at: When those that fell, or that the expert gave up on, did so [s].
+        lost_at: When each robot that was lost fell, or the expert gave up on it [s].
         speeds: How robots followed their commands in each gait, from 1 s after each switch on.
     """
 
@@ -110,7 +110,7 @@ class Switching:
 
 @dataclass(frozen=True)
 class _Walked:
-    """What is left of B episodes in which robots changed their gait.
+    """The results of B episodes in which robots changed their gait.
 
     Attributes:
         outcome: ``(B,)`` values of `Outcome`.
@@ -127,7 +127,7 @@ def results_by_gait(summary: Summary, config: Config) -> tuple[GaitResult, ...]:
     """The results of an evaluation, gait by gait.
 
     Args:
-        summary: Its episodes, from initial states of all gaits.
+        summary: The summary of the evaluation, with initial states of all gaits.
         config: The gaits.
     """
     gait = gait_of(summary.start)
@@ -152,7 +152,7 @@ def results_by_gait(summary: Summary, config: Config) -> tuple[GaitResult, ...]:
 
 
 def follows(velocity: Array, command: Array) -> BoolArray:
-    """``(n,)`` True where a mean velocity is that of the command, within the tolerances above.
+    """``(n,)`` True where a mean velocity follows its command, by the tolerances above.
 
     Args:
         velocity: ``(n, 3)`` mean vx, vy [m/s] and yaw rate [rad/s].
@@ -164,7 +164,7 @@ def follows(velocity: Array, command: Array) -> BoolArray:
 
 
 def _speed(name: str, velocity: Array, command: Array) -> GaitSpeed:
-    """How robots followed their commands; those that did not walk the gait are left out."""
+    """How robots followed their commands; robots that did not walk in the gait are left out."""
     walked = np.isfinite(velocity).all(axis=1)
     velocity = velocity[walked]
     command = command[walked]
@@ -182,17 +182,17 @@ def evaluate_switching(
     workers: Workers,
     plan: PlanFunction | None = None,
 ) -> Switching:
-    """Let robots change their gaits by command, from stored initial states of all gaits alike.
+    """Let robots change gaits by command, from equally many stored initial states of each gait.
 
     Args:
         config: The robot, its gaits, the simulator and the expert; the number of the episodes.
         policy: File of the policy; None evaluates the expert.
         split: `select` or `test`.
         workers: Processes that run the episodes.
-        plan: The expert's MPC; without it the BiConMP-style planner.
+        plan: The expert's MPC; None for the BiConMP-style planner.
 
     Raises:
-        ValueError: The configuration has one gait, or a split holds too few initial states.
+        ValueError: The configuration has only one gait, or a split has too few initial states.
     """
     job = switching_job(config, policy, split, plan)
     controller = "expert" if policy is None else f"policy {policy.stem}"
@@ -203,7 +203,7 @@ def evaluate_switching(
 def switching_job(
     config: Config, policy: Path | None, split: str, plan: PlanFunction | None = None
 ) -> Job:
-    """The episodes of `evaluate_switching`, whose arguments these are."""
+    """The episodes of `evaluate_switching`, with the same arguments."""
     if not config.other_gaits:
         raise ValueError(
             f"robots of one gait, {gait_name(config.gait)}, have none to change to: train a policy "
@@ -230,7 +230,7 @@ def switching_of(job: Job, parts: Sequence[_Walked]) -> Switching:
 
     Args:
         job: The job.
-        parts: What is left of each of its chunks.
+        parts: The results of each of its chunks.
     """
     outcome = np.concatenate([part.outcome for part in parts])
     length = np.concatenate([part.length for part in parts])
@@ -261,7 +261,7 @@ def _walk(job: Job) -> _Walked:
 
 
 def mean_by_gait(rollouts: Rollout, gaits: int) -> Array:
-    """``(B, gaits, 3)`` the mean velocity of each robot in each gait, settled; NaN without any.
+    """``(B, gaits, 3)`` mean velocity of each robot in each gait, once settled; NaN without any.
 
     Args:
         rollouts: What happened in B episodes.
@@ -273,7 +273,7 @@ def mean_by_gait(rollouts: Rollout, gaits: int) -> Array:
     means = np.full((len(gait), gaits, 3), np.nan)
     for robot, number in np.ndindex(len(gait), gaits):
         ticks = settled[robot] & (gait[robot] == number)
-        # The last half second before a fall is no walk.
+        # The last half second before a fall does not count as walking.
         if rollouts.failed[robot]:
             ticks[max(rollouts.length[robot] - to_ticks(0.5), 0) :] = False
         if ticks.any():

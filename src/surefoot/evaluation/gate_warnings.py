@@ -1,20 +1,21 @@
-"""How well gates warn of falls: a policy drives alone, gates are asked, and no robot is rescued.
+"""How well gates warn of falls: a policy drives alone, gates only watch, and no robot is rescued.
 
-Where the expert takes over, it stays unknown whether the robot would have fallen; so a gate is
-judged on rollouts in which its answers have no effect. Definitions, for a fall at tick f, the first
-at which the engine finds the robot fallen:
+If the expert takes over, it is unknown whether the robot would have fallen; so a gate is judged on
+rollouts in which its answers have no effect. Definitions, for a fall at tick f, the first tick at
+which the engine finds the robot fallen:
 
 - An alarm is a tick at which the gate says unsafe. It belongs to the fall if it lies in the 1.5 s
-  before, [f - 1500, f - 1].
+  before it, [f - 1500, f - 1].
 - The alarm lead time is f minus the tick of the first alarm that belongs to the fall (1.5 s at
   most); without such an alarm it is 0.
 - The fall is announced if its lead time is at least 0.2 s.
-- A takeover is an alarm with no takeover in the T_block before it: the expert would be driving.
-- A takeover is false if no fall follows within 1.5 s. Where the episode ends before that, this is
-  unknown, and neither takeover nor time counts.
+- A takeover is an alarm with no other takeover in the T_block before it, when the expert would
+  already be driving.
+- A takeover is false if no fall follows within 1.5 s. If the episode ends before that, this is
+  unknown, and neither the takeover nor the time counts.
 
-A gate that says unsafe more often announces no fewer falls, at the cost of false takeovers. What
-it would announce by chance is measured on the robots that did not fall: it is the share of ticks at
+A gate that says unsafe more often announces at least as many falls, at the cost of false takeovers.
+What it would announce by chance is measured on the robots that did not fall: the share of ticks at
 which a fall would have been announced. `surefoot gate-warnings` measures all this for the gates of
 a run.
 """
@@ -45,7 +46,7 @@ LONGEST_LEAD = 1500
 SHORTEST_LEAD = 200
 """[ms] An alarm announces a fall if it comes at least this long before it."""
 BLOCK = 2000
-"""[ms] A takeover is not followed by another one for this long (the paper's T_block)."""
+"""[ms] The shortest time between two takeovers (the paper's T_block)."""
 TICKS_PER_MINUTE = 60 * TICKS_PER_SECOND
 
 
@@ -54,8 +55,8 @@ class GateWarnings:
     """How well one gate warned of the falls of n robots that drove alone.
 
     The intervals of the lead time and of the rate are 95 % percentile bootstrap intervals, over
-    falls and over robots. A figure is None where there are no falls, or no minutes, to base it
-    on. Without spread no bootstrap is made, because it would claim certainty.
+    falls and over robots, respectively. A figure is None if there are no falls, or no minutes, to
+    base it on. Without spread no bootstrap is used, because it would claim certainty.
 
     Attributes:
         announced: Number of falls announced at least 0.2 s ahead.
@@ -65,13 +66,13 @@ class GateWarnings:
             gate would have announced a fall.
         leads: Alarm lead time of each fall [s], in the order of the robots.
         median_lead: Median of the lead times [s].
-        lead_interval: Interval of that median [s]; None for a single fall, and where all lead
-            times are equal.
-        takeovers: Number of takeovers of which it is known whether they were false.
+        lead_interval: Interval of that median [s]; None for a single fall, or if all lead times
+            are equal.
+        takeovers: Number of takeovers for which it is known whether they were false.
         false_takeovers: Number of these with no fall within 1.5 s.
-        robot_minutes: Time of which it is known whether a takeover would be false [min].
+        robot_minutes: Time for which it is known whether a takeover would be false [min].
         false_per_minute: False takeovers per robot-minute.
-        false_interval: Interval of that rate; the exact Poisson interval where the rates of all
+        false_interval: Interval of that rate; the exact Poisson interval if the rates of all
             robots are equal.
     """
 
@@ -127,7 +128,7 @@ class RunWarnings(FallWarnings):
 
 @dataclass(frozen=True)
 class WatchedRobots:
-    """n robots that drove alone, and the alarms of gates about them.
+    """n robots that a policy drove alone, and the alarms of the gates.
 
     Attributes:
         alarm: Name of each gate -> ``(n, T)`` True where it said unsafe; False from `length` on.
@@ -143,11 +144,11 @@ class WatchedRobots:
 def measure_warnings(
     config: Config, policy: Path | Policy, gates: Mapping[str, Gate], split: str, workers: Workers
 ) -> FallWarnings:
-    """Run a policy alone from stored initial states and ask gates about every tick.
+    """Run a policy alone from stored initial states, and evaluate gates in every tick.
 
     Args:
-        config: Robot and simulator; ``config.evaluation`` says how many of the initial states, how
-            long, and what disturbs the robots.
+        config: Robot and simulator; ``config.evaluation`` has the number and the duration of the
+            episodes, and the disturbance.
         policy: The policy or its file.
         gates: The gates by name.
         split: Split of the stored initial states.
@@ -155,8 +156,8 @@ def measure_warnings(
 
     Raises:
         KeyError: There is no such split.
-        ValueError: The split holds fewer initial states than the episodes asked for, or the answer
-            of a gate is not a boolean array ``(B,)``.
+        ValueError: The split has fewer initial states than the requested episodes, or the answer of
+            a gate is not a boolean array ``(B,)``.
     """
     stored = starts_of(config)
     evaluation = config.evaluation
@@ -188,7 +189,7 @@ def measure_warnings(
 
 
 def watch_chunk(chunk: tuple[Job, dict[str, Gate]]) -> WatchedRobots:
-    """Run the episodes of one chunk in this process, and ask the gates about them."""
+    """Run the episodes of one chunk in this process, and evaluate the gates in every tick."""
     job, gates = chunk
     rollouts, _ = play_out(job)
     starts = job.starts
@@ -198,8 +199,8 @@ def watch_chunk(chunk: tuple[Job, dict[str, Gate]]) -> WatchedRobots:
     for gate in gates.values():
         gate.reset(B)
     for elapsed in range(min(T, int(rollouts.length.max()))):
-        # As the robots measured it, for that is what a gate sees at run time, though those of a
-        # training see the truth. All gates share what a state computes once.
+        # The state as the robots measured it: that is what a gate sees at run time, although gates
+        # see the true state in training. All gates share what the state computes lazily.
         state = rollouts.seen[:, elapsed]
         up = elapsed < rollouts.length
         for name, gate in gates.items():
@@ -217,7 +218,7 @@ def warnings_of(alarm: BoolArray, length: IntArray, fell: BoolArray) -> GateWarn
         fell: ``(n,)`` True for the robots that fell.
     """
     T = alarm.shape[1]
-    # From these ticks on, 1.5 s were seen, or a fall.
+    # Takeovers before these ticks are known to be true or false: 1.5 s follow, or a fall.
     known = np.where(fell, length, np.maximum(T - LONGEST_LEAD, 0))
     number = np.zeros(len(alarm))
     false = np.zeros(len(alarm))
@@ -262,8 +263,8 @@ def _median_interval(lead: Array) -> Interval | None:
 def _rate_interval(count: Array, minutes: Array) -> Interval:
     """Interval of a rate per minute: ``(n,)`` events and minutes of each robot.
 
-    A bootstrap over robots. Where their rates are all equal, 0 for example, it would claim
-    certainty: there it is the exact Poisson interval of all events.
+    It is a bootstrap interval over robots. If their rates are all equal, for example 0, that would
+    claim certainty; it is then the exact Poisson interval of all events.
     """
     seen = minutes > 0
     if np.ptp(count[seen] / minutes[seen]) == 0:

@@ -1,4 +1,4 @@
-"""Ids of initial states as text: ``700-798,850``, which stands in files in place of a long list."""
+"""Ids of initial states as text such as ``700-798,850``, which replaces a long list in files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from surefoot.types import IntArray
 
 
 def ids_as_text(ids: IntArray) -> str:
-    """Ids in their order as text in which consecutive ones are a range: ``700-798,850``.
+    """Ids as text, in the same order, with consecutive ids as a range: ``700-798,850``.
 
     Args:
         ids: ``(n,)`` ids.
@@ -34,7 +34,7 @@ def ids_from_text(text: str) -> IntArray:
 
 
 def count_ids(text: str) -> int:
-    """How many ids a text names, without making them: a few characters may name very many.
+    """The number of ids in a text, without listing them: a short text may name very many.
 
     Raises:
         ValueError: The text is no list of ids and of ranges.

@@ -1,10 +1,10 @@
 """How far a policy deviates from the expert, in states that a pushed expert visits.
 
-The expert drives from states of the split `select`, from which nothing is ever learned, and each
-robot is pushed once. The error is the mean of |pi(s) - a| over these states and the joints, where a
-is the target with which the policy's PD gives the expert's torque. Success of a small training is
-mostly luck of its weights; this error is steady to a few percent. It says nothing about states that
-only the policy visits. Next: `robustness`.
+The expert drives from states of the split `select`, which is never used for training, and each
+robot is pushed once. The error is the mean of |pi(s) - a| over the visited states and the joints,
+where a is the target for which the policy's PD gives the expert's torque. The success rate of a
+small training depends mostly on luck; this error is steady to a few percent. It says nothing about
+states that only the policy visits. Next: `robustness`.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from surefoot.workers import Workers, map_chunks
 ROLLOUTS = 60
 """Number of the expert's rollouts."""
 DURATION = 1.6
-"""[s] how long each of them lasts."""
+"""[s] Duration of each rollout."""
 EVERY = 20
-"""[ms] between two states of a rollout: neighbors tell the same."""
+"""[ms] Time between two states of a rollout; states closer together add no information."""
 IMPULSE = (0.5, 2.0)
-"""[N s] the smallest and the largest push of a Solo12, one in each rollout, and of other robots by
-their mass: the expert withstands them."""
+"""[N s] The smallest and the largest push of a Solo12, which the expert withstands, one in each
+rollout; pushes of other robots are scaled by mass."""
 FALL_ANGLE = 60.0
-"""[deg] roll or pitch beyond this is a fall, as in the measurement of pushes."""
+"""[deg] Roll or pitch beyond this is a fall, as in push recovery."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +51,12 @@ class ImitationError:
         starts: Name of the set of initial states.
         starts_hash: SHA-256 of that set.
         rollouts: Number of the expert's rollouts that neither fell nor diverged.
-        states: Number n of their states.
+        states: Number n of states.
         mean_mrad: Mean absolute deviation over states and joints [mrad].
-        worst_mrad: The deviation, as a mean over the joints, that one state of a hundred exceeds
+        worst_mrad: The deviation, averaged over the joints, that one state in a hundred exceeds
             [mrad].
-        mirror_mrad: Mean absolute deviation of the policy's answer to the mirrored state from its
-            mirrored answer, left and right exchanged [mrad]; None if robot or gait have no such
+        mirror_mrad: Mean absolute difference between the policy's answer to the mirrored state and
+            its mirrored answer, left and right exchanged [mrad]; None if robot or gait have no such
             mirror, and in files of earlier versions.
     """
 
@@ -72,7 +72,7 @@ class ImitationError:
 def imitation_error(config: Config, policy: Path, workers: Workers) -> ImitationError:
     """The deviation of a policy from the expert's targets; the same for any number of workers.
 
-    The expert's states are kept in this process: those of further policies take no simulation.
+    The expert's states are cached in this process, so further policies need no simulation.
 
     Args:
         config: Robot, simulator, gait and expert.
@@ -81,7 +81,7 @@ def imitation_error(config: Config, policy: Path, workers: Workers) -> Imitation
 
     Raises:
         FileNotFoundError: There is no such policy.
-        ValueError: The expert has lost all robots.
+        ValueError: All of the expert's rollouts fell or diverged.
     """
     imitator = load(policy, find_spec(config.robot).name)
     recording = expert_states(config, workers, all_ticks=imitator.spec.remembers)
@@ -131,13 +131,13 @@ def expert_states(config: Config, workers: Workers, all_ticks: bool = False) -> 
 
 
 def _impulse(config: Config) -> tuple[float, float]:
-    """The smallest and the largest push of the robot of a configuration [N s]."""
+    """The smallest and the largest push of a configuration's robot [N s]."""
     return by_mass(IMPULSE, size_of(load_robot(config.robot)).mass_ratio)
 
 
 @lru_cache(maxsize=4)
 def _expert_states(config: Config, _content: str, workers: Workers, all_ticks: bool) -> Frames:
-    """The same of a configuration in which all else is the default, and of its robot's files."""
+    """See `expert_states`; cached by the configuration and the content of the robot's files."""
     starts = starts_of(config).first("select", ROLLOUTS)
     job = Job(
         config,

@@ -1,7 +1,7 @@
-"""How many robots would have switched themselves off, under a hardware profile.
+"""How many robots would have switched themselves off (latched), with a hardware profile.
 
-An episode goes on where an actual robot would have latched, so that a fall and a latch are counted
-apart. Read `rollouts.latching` for the rules.
+An episode continues where an actual robot would have latched, so that falls and latches are counted
+separately. Read `rollouts.latching` for the rules.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ class Latching:
         profile: Name of the hardware profile, or its file.
         latched: Number of robots that would have latched in the episode or at its beginning.
         latched_successes: Number of these among the successes.
-        by_position: Number of them of which a joint left its range first.
-        by_speed: Number of them of which a joint was too fast first.
-        by_torque: Number of them of which a torque was too long at its limit first.
-        outside: Number of initial states outside the profile: a robot there latches at once.
+        by_position: Number of robots that would have latched because a joint left its range.
+        by_speed: Number of robots that would have latched because a joint was too fast.
+        by_torque: Number of robots that would have latched because a torque was at its limit for
+            too long.
+        outside: Number of initial states outside the profile, in which a robot latches at once.
         outside_states: Ids of these initial states, as text such as ``700-798,850``.
         latches: One digit for each episode, its `Latch`.
-        latched_at: When a robot would have latched [s], for each that would, in the order of the
-            episodes.
+        latched_at: When each of these robots would have latched [s], in the order of the episodes.
     """
 
     profile: str

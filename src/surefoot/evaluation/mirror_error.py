@@ -1,8 +1,8 @@
 """How far a policy is from treating left and right alike.
 
-The mirror error is the mean of |M pi(s) - pi(M s)| over states and joints: M mirrors left and
-right. An expert on a symmetric robot has none. It takes no simulation. Next: `imitation`, how far a
-policy is from the expert.
+The mirror error is the mean of |M pi(s) - pi(M s)| over states and joints, where M exchanges left
+and right. It is zero for an expert on a symmetric robot, and needs no simulation. Next:
+`imitation`, how far a policy is from the expert.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def mirror_error_mrad(
 
 
 def mirror_error_in_starts(config: Config, path: Path, starts: Starts) -> float | None:
-    """The same over n initial states.
+    """The left-right mirror error of a policy over n initial states [mrad].
 
     Args:
         config: Robot and gaits.

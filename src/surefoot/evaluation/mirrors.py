@@ -1,7 +1,7 @@
-"""The mirror of a configuration: robot and gaits as one.
+"""The mirror of a configuration, which mirrors the robot together with its gaits.
 
-`robots.symmetry` has the mirror of a body, and `learning.symmetry` what a mirror does to states,
-clocks and frames.
+`robots.symmetry` has the mirror of a robot's body, and `learning.symmetry` applies a mirror to
+states, clocks and frames.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def training_mirror(config: Config) -> Mirror | None:
         config: Robot, gaits, and the training's mirror.
 
     Raises:
-        ValueError: A mirror is named, and the robot or a gait is not its own mirror image.
+        ValueError: A mirror is configured, but the robot or a gait is not its own mirror image.
     """
     name = config.training.mirror
     if name == "none":
@@ -42,14 +42,14 @@ def training_mirror(config: Config) -> Mirror | None:
     if name != "auto":
         return make_mirror(config, name)
     boxes = (config.commands.vy, config.commands.yaw_rate)
-    # The image of a command to the left is one to the right, which a policy may not have to learn.
+    # A command to the left is mirrored to the right, which a policy may not have to learn.
     is_even = all(lowest == -highest for lowest, highest in boxes)
     return left_right_mirror(config) if is_even else None
 
 
 def left_right_mirror(config: Config) -> Mirror | None:
     """The mirror of left and right; None if the robot or a gait is not its own mirror image."""
-    load_robot(config.robot)  # a robot that cannot be loaded is no robot without a mirror
+    load_robot(config.robot)  # outside the try: an error in loading does not mean "no mirror"
     try:
         return make_mirror(config, "left_right")
     except ValueError:

@@ -2,11 +2,11 @@
 
 A push lasts 10 ms and comes from one of eight directions in the robot's heading frame, two seconds
 after a perturbed start; a level is survived if at least 80 % of the robots neither fall nor stop
-stepping (paper, IV-F). Those two seconds are the same for every push: they are simulated once, and
-each push branches off from the states in which they end. The levels tried are bisected; a monotone
-curve is fitted over all of them and read at 80 %. Its interval draws the robots anew, and is no
-narrower than the levels and the robots allow. Next: `push_limits`, the records, and `push_fit`, the
-curve.
+stepping (paper, IV-F). These two seconds are the same for every push, so they are simulated once,
+and each push branches off from the states at their end. The search bisects the levels; a monotone
+curve is fitted to all levels tried and read at 80 %. Its interval comes from resampled robots, and
+is no narrower than the levels and the number of robots allow. Next: `push_limits`, the records, and
+`push_fit`, the curve.
 """
 
 from __future__ import annotations
@@ -75,15 +75,15 @@ def push_recovery(
     """Largest impulse that a policy, or the expert, withstands from each direction.
 
     Args:
-        config: Robot, simulator, expert, and the pushes; also what else disturbs the robots
+        config: Robot, simulator, expert, and the pushes; also the other disturbances
             (`evaluation.disturbance`, without its own pushes and fall angle).
         policy: File of the policy; None pushes the expert.
         workers: Processes that run the episodes.
-        plan: The expert's MPC; without it the BiConMP-style planner.
-        stored: The set of initial states; without it that of the configuration.
+        plan: The expert's MPC; None for the BiConMP-style planner.
+        stored: The set of initial states; None for that of the configuration.
 
     Raises:
-        ValueError: The configuration asks for more speeds than the split has.
+        ValueError: The configuration has more speeds than the split.
     """
     config = with_own_values(config)
     stored = stored or starts_of(config)
@@ -111,7 +111,7 @@ def pushed_starts(push: PushConfig, stored: StartSet) -> Starts:
     """All phases of the first perturbation of a split, at equally spaced speeds.
 
     Raises:
-        ValueError: The split has fewer speeds than asked for.
+        ValueError: The split has fewer speeds than `push.speeds`.
     """
     speeds = stored.velocities(push.split, push.speeds)
     grid = stored.rows(push.split)[0]
@@ -128,9 +128,9 @@ def branch_at_push(begin: Job, workers: Workers, title: str) -> Branch:
     """
     parts = map_chunks(branch_at_the_end, chunks_of(begin), workers, title)
     up = np.concatenate([chunk_up for _, chunk_up in parts])
-    # Falls are tested at once: the grace is for initial states that no robot walked into.
+    # Falls count at once: the grace is only for initial states that no robot has walked into.
     config = replace(begin.config, safety=replace(begin.config.safety, grace=0.0))
-    # The ids stay, and so do friction, load, noise and late torques, for every push.
+    # Every push keeps the ids, and with them friction, load, noise and delayed torques.
     episodes = join_episodes([chunk for chunk, _ in parts])
     return Branch(replace(begin, config=config, episodes=episodes), up)
 
@@ -139,11 +139,11 @@ def branch_at_the_end(job: Job) -> tuple[Episodes, BoolArray]:
     """Run the episodes of one chunk.
 
     Returns:
-        The episodes that go on where they end, of the robots that are still up; and ``(B,)`` True
-        for these robots.
+        The episodes that continue where these end, for the robots that are still up; and ``(B,)``
+        True for these robots.
     """
     ticks = to_ticks(job.episodes.duration)
-    # A state is recorded before its tick is made: one tick more records the last.
+    # A state is recorded at the beginning of its tick, so the last state needs one more tick.
     longer = replace(job.episodes, duration=job.episodes.duration + 1e-3)
     rollouts, _ = play_out(replace(job, episodes=longer))
     up = rollouts.length > ticks
@@ -151,7 +151,7 @@ def branch_at_the_end(job: Job) -> tuple[Episodes, BoolArray]:
     elapsed = np.full(len(robot), ticks)
     episodes = rollouts.branch(robot, elapsed, job.config.push.after, job.episode[up])
     if not (isinstance(job.policy, Policy) and job.policy.spec.remembers):
-        # Every push carries its past along, 0.1 MB for each robot.
+        # Otherwise every push would carry a past that nobody uses, 0.1 MB for each robot.
         episodes = replace(episodes, past=None)
     return episodes, up
 
@@ -185,14 +185,14 @@ def search_levels(
     """Bisect the levels of every direction, all directions together in each round.
 
     Level k is the impulse k * resolution. The search keeps a level that passed and one that failed;
-    robots that fail unpushed need none that passes. Where even the strongest level tried does not
+    if robots fail without a push, no level is bisected. If even the strongest level tried does not
     clearly fail, stronger ones follow: without them the limit would have no upper bound.
 
     Args:
         branch: The n robots at the time of the push.
         angles: ``(D,)`` directions [rad].
         workers: Processes that run the episodes.
-        title: What the progress bars call the controller.
+        title: The name of the controller in the progress bars.
 
     Returns:
         For each direction, level -> ``(n,)`` True for the robots that survived it.

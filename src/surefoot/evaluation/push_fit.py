@@ -1,20 +1,21 @@
-"""The impulse at which a falling curve, fitted to the robots that survived, meets a share of them.
+"""The push limit: the impulse at which a falling curve, fitted to the survivors, meets a share.
 
 The number of survivors need not fall from level to level; isotonic regression pools neighbors until
 it does. The curve is read by linear interpolation between levels.
 
-Its 95 % interval is that of the middle 95 % of the limits of robots drawn anew. Where robots agree,
-all draws are alike, and that is not certainty. Let S(x) be the share of robots that survive x,
-falling in x, and x* the limit: S(x*) = p. So the interval is no narrower than what was seen:
+Its 95 % interval has the middle 95 % of the limits of resampled robots. If all robots agree, all
+resamples are equal, but that is not certainty. Let S(x) be the share of robots that survive x,
+falling in x, and x* the limit: S(x*) = p. The interval is no narrower than the observations allow:
 
-- It holds the two levels a < b tried between which the curve meets n p; where x* lies between them
-  nothing shows.
-- A score test refutes S(x) = p where of n robots more than n p + z sqrt(n p (1 - p)) survive x, and
-  then x* > x; or fewer than n p - z sqrt(n p (1 - p)), and then x* < x. With n <= z^2 p / (1 - p)
-  robots, 15 for p = 0.8, even n survivors do not refute it: the interval begins at 0. With
-  n <= z^2 (1 - p) / p even none do not, and it ends at the strongest level.
+- It includes the two tried levels a < b between which the curve meets n p; nothing shows where x*
+  lies between them.
+- A score test refutes S(x) = p if of n robots more than n p + z sqrt(n p (1 - p)) survive x, and
+  then x* > x; or if fewer than n p - z sqrt(n p (1 - p)) do, and then x* < x. With
+  n <= z^2 p / (1 - p) robots, 15 for p = 0.8, even n survivors do not refute it, and the interval
+  begins at 0. With n <= z^2 (1 - p) / p even no survivor does not, and it ends at the strongest
+  level.
 
-`push_limits` makes records of it.
+`push_limits` has the records of the limits.
 """
 
 from __future__ import annotations
@@ -30,21 +31,20 @@ from surefoot.types import Array
 
 
 def robots_needed(share: float, n: int) -> float:
-    """Number of robots that have to survive: a share of n, rounded, since 0.7 * 10 is above 7."""
+    """Number of robots that have to survive: a share of n, rounded, since 0.55 * 20 exceeds 11."""
     return round(share * n, 9)
 
 
 def falling_fit(successes: ArrayLike) -> Array:
     """The falling curves nearest to the successes, by least squares (isotonic regression).
 
-    At each level the curve is the least, over the levels at which a run of levels up to this one
-    may begin, of the greatest mean of such a run that ends here or later.
+    The value at level k is min over i <= k of max over j >= k of the mean of levels i to j.
 
     Args:
         successes: ``(..., L)`` numbers of robots that survived each of L levels.
 
     Returns:
-        ``(..., L)`` numbers of robots, to nine digits, so that means which are equal stay so.
+        ``(..., L)`` numbers of robots, rounded to nine digits so that equal means stay equal.
     """
     counts = np.asarray(successes)
     first, last = np.indices((counts.shape[-1],) * 2)
@@ -60,13 +60,13 @@ def fitted_level(levels: Sequence[float], successes: ArrayLike, needed: float) -
     """Impulses at which falling curves, fitted to the successes, meet the number needed [N s].
 
     Args:
-        levels: The L levels tried, rising [N s].
+        levels: The L levels tried, in ascending order [N s].
         successes: ``(..., L)`` numbers of robots that survived each level.
         needed: Number of robots that have to survive.
 
     Returns:
-        ``(...)`` impulses; 0 where a curve begins below the number needed, and the last level where
-        it never falls below it.
+        ``(...)`` impulses; 0 if a curve begins below the number needed, and the last level if it
+        never falls below it.
     """
     tried = np.asarray(levels, float)
     curve = falling_fit(successes)
@@ -94,18 +94,19 @@ def refuting_counts(share: float, n: int) -> tuple[float, float]:
 def limit_interval(
     levels: Sequence[float], successes: Sequence[int], share: float, n: int, strongest: float
 ) -> Interval:
-    """What the robots pushed leave open of a limit, even if they all agree [N s].
+    """The narrowest interval of a limit that the levels and the number of robots allow [N s].
 
     Args:
-        levels: The levels tried, rising, from the unpushed control on [N s].
+        levels: The levels tried, in ascending order, from the unpushed control on [N s].
         successes: Number of robots that survived each level.
         share: Share p of the robots that has to survive.
         n: Number of robots.
-        strongest: The strongest level of the search; limits beyond it are not told apart [N s].
+        strongest: The strongest level of the search; the search cannot resolve limits beyond it
+            [N s].
 
     Returns:
-        The two levels between which the curve meets the share; or 0 and the strongest level, where
-        n robots are too few to refute it.
+        The two levels between which the curve meets the share; an end is 0 or the strongest level
+        if n robots are too few to refute the share on that side.
     """
     few, many = refuting_counts(share, n)
     below = np.flatnonzero(falling_fit(successes) < robots_needed(share, n))
@@ -118,10 +119,10 @@ def limit_interval(
 def resampled_impulses(
     levels: Sequence[Sequence[float]], survived: Sequence[Sequence[str]], needed: float
 ) -> Array:
-    """Fitted impulses of robots drawn anew.
+    """Fitted impulses of resampled robots.
 
     Args:
-        levels: For each of D directions, the levels tried, rising [N s].
+        levels: For each of D directions, the levels tried, in ascending order [N s].
         survived: For each of these levels, one digit per robot: 1 if it survived.
         needed: Number of robots that have to survive.
 

@@ -1,6 +1,6 @@
-"""What a search for push limits found: its records, their intervals, and paired differences.
+"""The results of a search for push limits: records, intervals, and paired differences.
 
-Read `push_fit` for how a limit and its interval are read from the robots that survived, and `push`
+Read `push_fit` for how a limit and its interval follow from the robots that survived, and `push`
 for the search.
 """
 
@@ -27,9 +27,9 @@ from surefoot.types import Array, BoolArray
 
 @dataclass(frozen=True)
 class PushLimits:
-    """What was tried from each of D directions, and the impulses that a controller withstands.
+    """The levels tried from each of D directions, and the impulses that a controller withstands.
 
-    Where robots fail even unpushed the impulse is 0; where they survive the strongest level it is
+    If robots fail even without a push, the impulse is 0; if they survive the strongest level, it is
     that level.
 
     Attributes:
@@ -42,7 +42,8 @@ class PushLimits:
         fitted_impulse: ``(D,)`` impulse at which the monotone fit meets the share of robots that
             have to survive [N s].
         mean_fitted_impulse: Mean of `fitted_impulse` over the directions [N s].
-        levels: For each direction, the levels tried, rising [N s]; 0 is the unpushed control.
+        levels: For each direction, the levels tried, in ascending order [N s]; 0 is the unpushed
+            control.
         successes: For each direction, the number of robots that survived each of its levels.
     """
 
@@ -62,12 +63,12 @@ class PushLimits:
 class PushResult(PushLimits):
     """The push limits of a controller, with intervals and with the outcome of every robot.
 
-    Intervals are 95 % percentile bootstrap intervals over robots, given the levels tried. An
+    Intervals are 95 % percentile bootstrap intervals over robots, given the levels tried. The
     interval of a direction is no narrower than the levels and the number of robots allow, even if
-    all robots agree (`push_fit` has the equations); that of the mean is widened by as much as those
-    of the directions on average. For robots with normally distributed limits, the intervals of
-    directions covered the true limit in 90 to 100 of 100 trials, and in all where robots agree.
-    They end at the strongest level of the search: limits beyond it are not told apart.
+    all robots agree (`push_fit` has the equations); the interval of the mean is widened by the
+    average widening of the directions. In trials with normally distributed limits, the intervals of
+    directions covered the true limit in 90 to 100 of 100 trials, and in all if robots agree. They
+    end at the strongest level of the search, which cannot resolve limits beyond it.
 
     Attributes:
         split: Split of the initial states.
@@ -76,8 +77,8 @@ class PushResult(PushLimits):
         survived: For each direction and each of its levels, one digit per robot: 1 if it survived.
         interval: ``(D,)`` intervals of `fitted_impulse` [N s].
         mean_interval: Interval of `mean_fitted_impulse` [N s].
-        measured: What was asked for: speeds, directions, levels and times; None in files of
-            earlier versions.
+        measured: The requested speeds, directions, levels and times; None in files of earlier
+            versions.
     """
 
     split: str
@@ -92,8 +93,8 @@ class PushResult(PushLimits):
         """Check that each level of each direction has the outcome of every robot.
 
         Raises:
-            ValueError: The directions are not the same for all fields, or a string of digits has
-                another length or holds something else.
+            ValueError: The fields have different numbers of directions or levels, or a string of
+                digits has another length or other characters.
         """
         if not self.levels or any(not levels for levels in self.levels):
             raise ValueError("levels must have at least one level for each direction")
@@ -115,7 +116,7 @@ class PushDifference:
     Attributes:
         difference: Difference of the mean fitted impulses [N s].
         interval: Its 95 % bootstrap interval [N s]; each draw takes the same robots in both arms,
-            in all directions and at all levels. It is widened as those of the two means are.
+            in all directions and at all levels. It is widened like the intervals of the two means.
     """
 
     difference: float
@@ -204,13 +205,13 @@ def push_difference(a: PushResult, b: PushResult) -> PushDifference:
 
 
 def _drawn_and_widening(result: PushResult) -> tuple[Array, float, float]:
-    """What the interval of a result's mean is made of.
+    """The parts from which the interval of a result's mean is computed.
 
-    Of a result of an earlier version the strongest level is not known; the strongest one that was
-    tried takes its place.
+    Results of earlier versions lack the strongest level of the search; the strongest level that was
+    tried replaces it.
 
     Returns:
-        ``(RESAMPLES, D)`` fitted impulses of robots drawn anew, and the two numbers of `_widening`
+        ``(RESAMPLES, D)`` fitted impulses of resampled robots, and the two numbers of `_widening`
         [N s].
     """
     tried = max(max(levels) for levels in result.levels)
@@ -231,7 +232,7 @@ def _open_limits(
     n: int,
     strongest: float,
 ) -> list[Interval]:
-    """``(D,)`` what the robots pushed leave open of each direction's limit (`limit_interval`)."""
+    """``(D,)`` the narrowest interval allowed of each direction's limit (`limit_interval`)."""
     return [
         limit_interval(levels_tried, counts, share, n, strongest)
         for levels_tried, counts in zip(levels, successes, strict=True)
@@ -241,15 +242,15 @@ def _open_limits(
 def _widening(
     intervals: Sequence[Interval], open_limits: Sequence[Interval]
 ) -> tuple[float, float]:
-    """By how much the robots leave more open than draws of them show, on average over directions.
+    """By how much bootstrap intervals have to be widened, on average over directions.
 
     Args:
         intervals: ``(D,)`` bootstrap intervals [N s].
         open_limits: ``(D,)`` intervals of `limit_interval` [N s].
 
     Returns:
-        What to take off the lower end of an interval of the mean over directions, and what to add
-        to its upper end; neither is negative [N s].
+        The numbers to subtract from the lower end of the interval of the mean over directions, and
+        to add to its upper end; neither is negative [N s].
     """
     pairs = list(zip(intervals, open_limits, strict=True))
     below = [max(low - least, 0.0) for (low, _), (least, _) in pairs]

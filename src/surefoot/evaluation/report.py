@@ -1,7 +1,7 @@
-"""What `surefoot evaluate` writes: the results of a policy, and of the expert beside it.
+"""The report that `surefoot evaluate` writes: the results of a policy and of the expert.
 
-Read `robustness` and `push` for what the figures mean. In the JSON, those of the policy are at the
-top level, and those of the expert under ``expert``.
+Read `robustness` and `push` for the meaning of the figures. In the JSON, the figures of the policy
+are at the top level, and those of the expert under ``expert``.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ IDLE = {
 
 @dataclass(frozen=True)
 class ExpertReport(Robustness):
-    """The robustness of the expert, and its pushes where they were asked for.
+    """The robustness of the expert, and its push limits if they were measured.
 
     Attributes:
-        pushes: The impulses that it withstands; None if it was not pushed.
-        switching: What became of robots that changed their gait; None with one gait.
+        pushes: The impulses that the expert withstands; None if it was not pushed.
+        switching: The results of robots that changed their gait; None with one gait.
     """
 
     pushes: PushResult | None = None
@@ -45,7 +45,7 @@ class ExpertReport(Robustness):
 
 @dataclass(frozen=True)
 class EvaluationReport(Robustness):
-    """The robustness of a policy, and what else was measured beside it.
+    """The robustness of a policy, and everything else that was measured.
 
     Attributes:
         policy: File of the policy.
@@ -53,15 +53,15 @@ class EvaluationReport(Robustness):
         disturbance: Dotted name of each setting of `DisturbanceConfig` that disturbed the robots ->
             its value, in the unit of that setting.
         pushes: The impulses that the policy withstands; None if it was not pushed.
-        push_difference: The policy's pushes minus the expert's; None unless both were pushed.
+        push_difference: The policy's push limits minus the expert's; None unless both were pushed.
         success_difference: The policy's success rate minus the expert's, paired by initial state;
             None without the expert.
-        expert: The same figures of the expert; None if it was not evaluated.
+        expert: The same figures for the expert; None if it was not evaluated.
         mirror_error_mrad: The mean of |M pi(s) - pi(M s)| over the joints and the initial states s
             of all episodes, where M exchanges left and right [mrad]; None if robot or gait have no
             such mirror, and in files of earlier versions.
         terrain: The ground, as `simulation.terrain`; None is level ground at z = 0.
-        switching: What became of robots that changed their gait; None with one gait.
+        switching: The results of robots that changed their gait; None with one gait.
     """
 
     policy: str
@@ -77,13 +77,13 @@ class EvaluationReport(Robustness):
 
 
 def disturbances(config: Config) -> dict[str, float | tuple[float, ...]]:
-    """What disturbs the robots of an evaluation, with pushes of their own size in place of None.
+    """The disturbances in an evaluation, with pushes scaled to the robot in place of None.
 
     Args:
-        config: What is evaluated.
+        config: The configuration of the evaluation.
 
     Returns:
-        Dotted name of each setting of `DisturbanceConfig` that changes something -> its value.
+        Dotted name of each setting of `DisturbanceConfig` that has an effect -> its value.
     """
     settings = {
         name: tuple(value) if isinstance(value, list) else value
@@ -93,20 +93,20 @@ def disturbances(config: Config) -> dict[str, float | tuple[float, ...]]:
 
 
 def check_disturbances(config: Config, before: DisturbanceConfig) -> None:
-    """Check that what was asked for disturbs the robots of an evaluation.
+    """Check that the requested disturbance has an effect on the robots of an evaluation.
 
     Args:
-        config: What is evaluated.
-        before: The disturbance that the options have changed; what it holds is not judged.
+        config: The configuration of the evaluation.
+        before: The disturbance before the options were applied; its settings are not checked.
 
     Raises:
-        ValueError: A setting changes nothing; the message says why.
+        ValueError: A setting has no effect; the message says why.
     """
     evaluation = config.evaluation
     asked = {name for name, _, _ in changes(evaluation.disturbance, before)}
     then = _disturbing(replace(config, evaluation=replace(evaluation, disturbance=before)))
     now = _disturbing(config)
-    asked -= {name for name, _, _ in changes(now, then)}  # what disturbed is switched off, say
+    asked -= {name for name, _, _ in changes(now, then)}  # such as switching a disturbance off
     for name, _, _ in changes(_own_disturbance(config), now):
         if name in asked:
             option = f"--disturbance.{name.replace('_', '-')}"
@@ -114,12 +114,12 @@ def check_disturbances(config: Config, before: DisturbanceConfig) -> None:
 
 
 def _own_disturbance(config: Config) -> DisturbanceConfig:
-    """The disturbance of an evaluation, with pushes of the robot's own size in place of None."""
+    """The disturbance of an evaluation, with pushes scaled to the robot in place of None."""
     return own_pushes(config.evaluation.disturbance, load_robot(config.robot))
 
 
 def _disturbing(config: Config) -> DisturbanceConfig:
-    """The disturbance of an evaluation, where all that changes nothing is as it is by default."""
+    """The disturbance of an evaluation, with all settings that have no effect at their defaults."""
     disturbance = acting(_own_disturbance(config))
     if disturbance.fall_angle <= config.safety.fall_angle:
         disturbance = replace(disturbance, fall_angle=DisturbanceConfig().fall_angle)
@@ -127,7 +127,7 @@ def _disturbing(config: Config) -> DisturbanceConfig:
 
 
 def read_report(path: Path) -> EvaluationReport:
-    """Read what `surefoot evaluate` wrote; parts that an older file lacks are None.
+    """Read a report of `surefoot evaluate`; parts that an older file lacks are None.
 
     Raises:
         ValueError: The file is not JSON, or has unknown or missing keys; the message names it.

@@ -1,9 +1,9 @@
 """Evaluation as in the paper (IV-F): robustness from perturbed initial states, velocity tracking.
 
-A rollout succeeds if the robot does not fall and steps constantly for two thirds of it. Every
-policy and the expert are run from the same stored initial states, so that comparisons are paired:
-the outcome of each is kept. Next: `push`, the impulses that a controller withstands; `statistics`,
-the intervals.
+A rollout succeeds if the robot does not fall and keeps stepping for two thirds of it. Every policy
+and the expert are run from the same stored initial states, and the outcome of each episode is kept,
+so that comparisons are paired. Next: `push`, the impulses that a controller withstands;
+`statistics`, the intervals.
 """
 
 from __future__ import annotations
@@ -55,22 +55,22 @@ class Robustness:
         success_rate: Successes as a share of the episodes.
         success_interval: Wilson's 95 % interval of the success rate.
         falls: Number of robots that fell.
-        stalls: Number of robots that stayed up and stopped stepping.
-        diverged: Number of robots for which the expert had no valid plan any more.
+        stalls: Number of robots that stayed up but stopped stepping.
+        diverged: Number of robots for which the expert no longer found a valid plan.
         strict_successes: Number of successes in which every foot also stepped in every window of
             1.5 gait periods.
-        mse: Mean squared velocity error over the whole of the successful episodes (paper).
-        settled_mse: Mean squared velocity error from 1 s on, over all episodes that lasted so
+        mse: Mean squared velocity error over the full length of successful episodes (paper).
+        settled_mse: Mean squared velocity error from 1 s on, over all episodes that lasted that
             long, each with the same weight.
         max_torque: Largest joint torque commanded [N m].
         robot_seconds: Simulated time of all robots together [s].
         plans: Number of MPC solves.
         invalid_plans: Number of these that gave no valid plan.
         body_contacts: Number of robots that touched the ground with something other than a foot;
-            None where that was not recorded.
+            None if that was not recorded.
         body_contact_successes: Number of these among the successes.
-        covered: Number of successes in which the robot covered 70 % of the distance commanded: on
-            uneven ground one may stay up and get nowhere. None in files of earlier versions.
+        covered: Number of successes in which the robot covered 70 % of the commanded distance: on
+            uneven ground a robot may stay up and get nowhere. None in files of earlier versions.
         initial_states: Ids of the initial states in the order of the episodes, as text such as
             ``700-798,850`` (`ids` has them); empty in files of earlier versions, as are the
             next four.
@@ -78,11 +78,11 @@ class Robustness:
         strict: One digit for each episode: 1 if every foot stepped in every window of 1.5 gait
             periods.
         touched: One digit for each episode: 1 if something other than a foot touched the ground;
-            empty where that was not recorded.
+            empty if that was not recorded.
         lost_at: When the robot fell or the expert gave up on it [s], for each episode with one of
             these two outcomes, in the order of the episodes.
         latching: Which robots would have switched themselves off; None without a hardware profile.
-        gaits: The figures gait by gait, where there are several; None for one.
+        gaits: The figures gait by gait if there are several gaits; None for one.
     """
 
     starts: str
@@ -117,8 +117,8 @@ class Robustness:
         """Check that each episode has one outcome, and one initial state if those were kept.
 
         Raises:
-            ValueError: A string of digits has another length, or holds something else; or the
-                initial states are not so many.
+            ValueError: A string of digits has another length or other characters, or there are
+                fewer or more initial states.
         """
         kinds = "".join(str(int(outcome)) for outcome in Outcome)
         for name, digits, allowed in (
@@ -157,11 +157,11 @@ def success_difference(a: Robustness, b: Robustness) -> PairedDifference | None:
 
     Args:
         a: The robustness of one controller.
-        b: That of the other, which is subtracted.
+        b: The robustness of the other, which is subtracted.
 
     Returns:
-        The difference with Newcombe's interval; None if one of them is of an earlier version, which
-        did not keep the outcomes.
+        The difference with Newcombe's interval; None if one of them is from an earlier version,
+        which did not keep the outcomes.
 
     Raises:
         ValueError: The two differ in their initial states.
@@ -188,16 +188,16 @@ def evaluate(
         policy: File of the policy; None evaluates the expert.
         split: `select` to choose a policy, `test` to report one.
         workers: Processes that run the episodes.
-        plan: The expert's MPC; without it the BiConMP-style planner.
-        stored: The set of initial states, of one gait; without it those of the configuration.
+        plan: The expert's MPC; None for the BiConMP-style planner.
+        stored: The set of initial states, of one gait; None for those of the configuration.
 
     Returns:
-        The figures, and the summary of the episodes that they are taken from.
+        The figures, and the summary of the episodes that they are computed from.
 
     Raises:
         FileNotFoundError: There is no such policy.
         KeyError: There is no such split.
-        ValueError: The split holds fewer initial states than the episodes asked for, or one set is
+        ValueError: The split has fewer initial states than the requested episodes, or one set is
             given for several gaits.
     """
     if stored is not None and config.other_gaits:
@@ -227,7 +227,7 @@ def evaluation_job(
 
     Raises:
         KeyError: There is no such split.
-        ValueError: The split holds fewer initial states than the episodes asked for.
+        ValueError: The split has fewer initial states than the requested episodes.
     """
     starts = stored.first(split, config.evaluation.episodes)
     return Job(
@@ -242,7 +242,7 @@ def evaluation_job(
 
 
 def controller_title(config: Config, policy: Path | None) -> str:
-    """What a progress bar calls a policy, or the expert, in its simulator."""
+    """The name of a policy or the expert, with its simulator, in progress bars."""
     controller = "expert" if policy is None else f"policy {policy.stem}"
     return f"{config.simulation.backend}, {controller}"
 
@@ -254,9 +254,9 @@ def robustness_of(
 
     Args:
         summary: The n episodes.
-        stored: The initial states from which they began.
-        split: The split of them.
-        profile: The hardware profile of the robot in them; None if it had none.
+        stored: The set of initial states from which they began.
+        split: The split of that set.
+        profile: The robot's hardware profile in these episodes; None if it had none.
     """
     n = len(summary.outcome)
     success = summary.outcome == Outcome.SUCCESS
@@ -305,6 +305,6 @@ def mean_error(errors: Array) -> VelocityError:
 
 
 def _mean(column: Array) -> float | None:
-    """Mean of the finite numbers, None without any."""
+    """Mean of the finite numbers; None without any."""
     finite = np.isfinite(column)
     return float(column[finite].mean()) if finite.any() else None

@@ -1,13 +1,12 @@
-"""How results are claimed: 95 % intervals, paired differences, and the run as the unit.
+"""Statistics of results: 95 % intervals, paired differences, and the run as the unit.
 
-A share of one policy has its Wilson interval, and a difference of shares on the same initial states
-has Newcombe's score interval for pairs. Other outcomes are drawn anew for a bootstrap
-(`resamples`); several trainings are drawn anew as runs, and then the rollouts of each drawn run. A
-bootstrap of a sample without spread would claim certainty: where there is no spread, there is a
-score interval or none. With the few runs of a study `run_interval` is the one to use: a t interval
-over run means. `study.run_statistics` has differences of two sets of runs. All draws come from a
-fixed seed: the same data give the same interval. This module knows nothing of robots. Next:
-`robustness`, `push`.
+A share of one policy has a Wilson interval, and a difference of shares on the same initial states
+has Newcombe's score interval for pairs. Other outcomes are resampled in a bootstrap (`resamples`).
+For several trainings, runs are resampled, and then the rollouts of each drawn run. A bootstrap of a
+sample without spread would claim certainty, so there is a score interval instead, or none. For the
+few runs of a study use `run_interval`, a t interval over run means. `study.run_statistics` has
+differences of two sets of runs. All draws come from a fixed seed, so the same data give the same
+interval. This module does not depend on robots. Next: `robustness`, `push`.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ RESAMPLES = 2000
 SEED = 0
 """Seed of all draws."""
 Z = 1.959963984540054
-"""Standard deviations of a normal distribution on either side that hold its middle 95 %. It is
+"""The middle 95 % of a normal distribution lie within this many standard deviations. It is
 `scipy.stats.norm.ppf(0.975)`, which takes most of a second to load."""
 
 Interval = tuple[float, float]
@@ -39,8 +38,8 @@ class PairedDifference:
     Attributes:
         difference: Mean of the differences, in the unit of the outcomes.
         interval: The difference's 95 % interval over initial states: Newcombe's score interval for
-            outcomes of 0 and 1, else a percentile bootstrap interval; None for a single pair, and
-            for other outcomes whose differences are all equal, which say nothing about the spread.
+            outcomes of 0 and 1, otherwise a percentile bootstrap interval; None for a single pair,
+            and for other outcomes whose differences are all equal and show no spread.
         pairs: Number of initial states with an outcome in both arms.
     """
 
@@ -55,8 +54,8 @@ class RunMeans:
 
     Attributes:
         mean: Mean of the runs' means, in the unit of the outcomes.
-        interval: The mean's 95 % interval over runs, as `run_interval` or `run_bootstrap` has it;
-            None for a single run, and where the outcomes say nothing about the spread.
+        interval: The mean's 95 % interval over runs, from `run_interval` or `run_bootstrap`; None
+            for a single run, and if the outcomes show no spread.
         runs: Mean of each run, in the order in which the runs were given.
     """
 
@@ -68,8 +67,8 @@ class RunMeans:
 def wilson(successes: float, n: float) -> Interval:
     """Wilson's 95 % score interval of a share.
 
-    The numbers may be fractions, where trials that depend on each other count as fewer independent
-    ones; SciPy's ``binomtest`` has the same formula for whole numbers only.
+    The numbers may be fractions, when dependent trials count as fewer independent ones; SciPy's
+    ``binomtest`` has the same formula, but only for whole numbers.
 
     Args:
         successes: Number of successes, from 0 to n.
@@ -78,7 +77,7 @@ def wilson(successes: float, n: float) -> Interval:
     share = successes / n
     center = (2 * n * share + Z**2) / (2 * (n + Z**2))
     half = Z / (2 * (n + Z**2)) * np.sqrt(4 * n * share * (1 - share) + Z**2)
-    # Without rounding the ends are exactly 0 and 1 where all trials agree.
+    # If all trials agree, an end is exactly 0 or 1, without rounding errors.
     low = 0.0 if successes == 0 else float(center - half)
     high = 1.0 if successes == n else float(center + half)
     return low, high
@@ -115,14 +114,14 @@ def newcombe(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> Interval:
 
 
 def _square_and_add(of_a: float, of_b: float, phi: float) -> float:
-    """Distance of an interval's end from its estimate, from those of two shares."""
+    """Distance of an interval's end from its estimate, given those distances of two shares."""
     return float(np.sqrt(max(of_a**2 - 2.0 * phi * of_a * of_b + of_b**2, 0.0)))
 
 
 def resamples(n: int) -> NDArray[np.int64]:
     """Draw n initial states with replacement, many times.
 
-    The same n gives the same draws, so that what is drawn for two results stays paired.
+    The same n gives the same draws, so that two results stay paired.
 
     Args:
         n: Number of initial states, at least 1.
@@ -198,8 +197,8 @@ def check_paired(a: object, b: object, fields: Sequence[str]) -> None:
 
     Args:
         a: The result of one policy.
-        b: That of the other.
-        fields: Names of the fields that say which trials were made, and how.
+        b: The result of the other.
+        fields: Names of the fields that describe the trials and how they were made.
 
     Raises:
         ValueError: One of these fields differs.
@@ -218,16 +217,16 @@ def run_interval(values_by_run: Sequence[ArrayLike], correlation: float = 0.0) -
     """Mean over training runs with a t interval; every run has the same weight.
 
     The run is the unit: with R runs of means m_r the interval is mean(m) +- t sd(m) / sqrt(R), with
-    the 97.5 % quantile t of R - 1 degrees of freedom. It holds for few runs, too, where no
-    bootstrap does. Runs that agree by chance would make it too narrow, down to nothing. So for
+    the 97.5 % quantile t of R - 1 degrees of freedom. It is valid for few runs too, where no
+    bootstrap is. If runs agree by chance, it would be too narrow, down to zero width. So for
     outcomes of 0 and 1 it is never narrower than the score interval of all rollouts together, which
     count as
 
         n_eff = R^2 / sum_r (1 + (n_r - 1) rho) / n_r
 
-    independent ones, for n_r rollouts of run r with the correlation rho: all of them at 0, and at 1
-    the number of runs, the floor. Where all outcomes are equal nothing says how large rho is: 0
-    supposes that runs differ no more than their rollouts do by chance.
+    independent ones, for n_r rollouts of run r with the correlation rho: with equal n_r, all of
+    them at rho = 0, and only as many as runs at rho = 1. If all outcomes are equal, nothing shows
+    how large rho is; 0 assumes that runs differ no more than their rollouts do by chance.
 
     Args:
         values_by_run: For each run ``(n,)`` an outcome of each rollout, none of them missing.
@@ -252,7 +251,7 @@ def run_interval(values_by_run: Sequence[ArrayLike], correlation: float = 0.0) -
 def _t_interval(
     runs: Sequence[NDArray[np.float64]], means: NDArray[np.float64], correlation: float
 ) -> Interval | None:
-    """The interval of `run_interval`; None for one run, or where nothing shows the spread."""
+    """The interval of `run_interval`; None for one run, or if nothing shows the spread."""
     if not all(_are_binary(run) for run in runs):
         return mean_interval(means)
     return mean_share_interval(means, [len(run) for run in runs], correlation)
@@ -291,7 +290,7 @@ def mean_interval(values: ArrayLike) -> Interval | None:
 
     Returns:
         mean +- t sd / sqrt(R), with the 97.5 % quantile t of R - 1 degrees of freedom; None for a
-        single value, and where all are equal, because then nothing shows the spread.
+        single value, and if all are equal, because then nothing shows the spread.
     """
     from scipy.stats import sem
     from scipy.stats import t as student_t
@@ -305,7 +304,7 @@ def mean_interval(values: ArrayLike) -> Interval | None:
 
 
 def effective_rollouts(rollouts: Sequence[int], correlation: float = 0.0) -> float:
-    """How many independent rollouts those of several runs are worth, as `run_interval` counts.
+    """The number of independent rollouts that those of several runs are worth (`run_interval`).
 
     Args:
         rollouts: Number of rollouts of each run, all at least 1.
@@ -338,10 +337,10 @@ def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> RunMeans:
     """Mean over training runs; every run has the same weight, however many rollouts it has.
 
     The bootstrap is hierarchical: runs are drawn, then rollouts of each drawn run. With few runs no
-    bootstrap says enough: with three (five, ten) normally distributed runs, the interval covers the
-    truth in 75 (84, 90) % of the cases instead of 95 %: use `run_interval` there, and show every
-    run. Where every rollout of every run has the same outcome, 0 or 1, the interval is Wilson's of
-    all rollouts together; other outcomes that are all equal have none.
+    bootstrap is wide enough: with three (five, ten) normally distributed runs, the interval covers
+    the truth in 75 (84, 90) % of the cases instead of 95 %. Use `run_interval` then, and show every
+    run. If every rollout of every run has the same outcome, 0 or 1, the interval is Wilson's of all
+    rollouts together; other outcomes that are all equal have none.
 
     Args:
         values_by_run: For each run ``(n,)`` an outcome of each rollout, none of them missing.

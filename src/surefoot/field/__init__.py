@@ -1,7 +1,7 @@
-"""Learning on a robot behind a bridge: episodes in the place of simulated rollouts.
+"""Learning on a robot behind a bridge: episodes on the robot replace simulated rollouts.
 
-The runtime of `surefoot.deploy` drives, the method's own arbiter says where the expert takes over,
-and what was recorded enters the run's dataset as simulated frames do. The expert plans in a process
-of its own (`planner`), also for `surefoot run --gate expert`. It is the only room that knows both
-`deploy` and `runs`. Read `collection` next, then `session` and `episode`.
+The runtime of `surefoot.deploy` drives the robot, the method's arbiter decides when the expert
+takes over, and the recorded frames enter the run's dataset like simulated ones. The expert plans in
+a separate process (`planner`), also for `surefoot run --gate expert`. Only this package imports
+both `deploy` and `runs`. Read `collection` next, then `session` and `episode`.
 """

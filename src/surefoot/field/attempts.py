@@ -1,7 +1,7 @@
-"""What a robot went through: one record for each attempt at an episode, and their sum.
+"""The attempts of a robot at episodes: one record for each, and their total cost.
 
-An attempt that is dropped teaches nothing, but the robot walked, or fell. Read `collection` next,
-which writes them into the run's folder.
+A dropped attempt teaches nothing, but the robot still walked or fell. Read `collection` next, which
+writes the records into the run's folder.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from surefoot.runs.layout import ATTEMPTS_FILE, RunError
 
 End = Literal["whole", "fell", "diverged", "dropped"]
 """How attempts end: whole; with a robot that fell or was lost; with an expert that gave up; or for
-reasons that say nothing of the policy, so that the episode is tried again."""
+a reason unrelated to the policy, so that the episode is tried again."""
 FALLS = ("tilt", "fall")
 """Faults that are falls; the others are latches."""
 
@@ -31,14 +31,14 @@ class Attempt:
     Attributes:
         iteration: The iteration.
         episode: The id of the episode.
-        end: How it ended; all but those that were dropped are in the run's dataset.
+        end: How it ended; all attempts except dropped ones are in the run's dataset.
         fault: The name of the fault that damped the robot; empty if there was none.
-        detail: What was measured, and what is allowed.
-        seconds: How long policy or expert drove [s].
-        expert_seconds: How long the expert did [s].
-        takeovers: How often the expert took over before the tail, which is its own.
-        other_seconds: How long the robot lay, stood up and stood before [s].
-        missed: How many ticks of the robot had no command in time.
+        detail: What was measured and what is allowed, as text.
+        seconds: Time that policy or expert drove [s].
+        expert_seconds: Time that the expert drove [s].
+        takeovers: Number of times that the expert took over before its tail.
+        other_seconds: Time that the robot lay, stood up and stood [s].
+        missed: Number of the robot's ticks that had no command in time.
     """
 
     iteration: int
@@ -55,17 +55,17 @@ class Attempt:
 
 @dataclass(frozen=True)
 class RobotCost:
-    """What learning cost the robot.
+    """The cost of learning for the robot.
 
     Attributes:
-        robot_minutes: Time that policy or expert drove, in attempts that were dropped too [min].
-        other_minutes: Time that it lay, stood up and stood [min].
+        robot_minutes: Time that policy or expert drove, including dropped attempts [min].
+        other_minutes: Time that the robot lay, stood up and stood [min].
         attempts: Number of attempts at episodes.
-        dropped: Number of them that were dropped.
+        dropped: Number of attempts that were dropped.
         falls: Number of falls.
         latches: Number of times that another fault damped the robot.
         takeovers: Number of times that the expert took over, before the tails.
-        missed: Number of ticks of the robot that had no command in time.
+        missed: Number of the robot's ticks that had no command in time.
         falls_per_robot_minute: Falls per minute driven; None if nothing was driven.
         latches_per_robot_minute: Other faults per minute driven.
         takeovers_per_robot_minute: Takeovers per minute driven.
@@ -87,10 +87,10 @@ class RobotCost:
 
 
 def cost_of(attempts: Sequence[Attempt]) -> RobotCost:
-    """Add up what attempts cost the robot.
+    """Add up the cost of attempts for the robot.
 
     Args:
-        attempts: All of them.
+        attempts: All attempts of a run.
     """
     seconds = sum(attempt.seconds for attempt in attempts)
     falls = sum(attempt.fault in FALLS for attempt in attempts)
@@ -118,7 +118,7 @@ def cost_of(attempts: Sequence[Attempt]) -> RobotCost:
 
 
 def as_dropped(attempts: Sequence[Attempt], episodes: Collection[int]) -> list[Attempt]:
-    """The attempts, those at some episodes as dropped ones: their frames are in no dataset.
+    """The attempts, with those at some episodes marked as dropped, as their frames are in no data.
 
     Args:
         attempts: The attempts.
@@ -131,7 +131,7 @@ def as_dropped(attempts: Sequence[Attempt], episodes: Collection[int]) -> list[A
 
 
 def read_attempts(folder: Path) -> list[Attempt]:
-    """The attempts of a run, in their order; none if no robot was asked yet.
+    """The attempts of a run, in order; empty if there were none yet.
 
     Args:
         folder: The folder of the run.
@@ -153,7 +153,7 @@ def write_attempts(folder: Path, attempts: Sequence[Attempt]) -> None:
 
     Args:
         folder: The folder of the run.
-        attempts: All of them.
+        attempts: All attempts of the run.
 
     Raises:
         WriteError: The disk is full, or read-only.

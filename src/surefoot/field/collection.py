@@ -1,9 +1,9 @@
-"""An iteration's data from a robot: what `runs.stages.collect_data` is for simulated rollouts.
+"""Collecting an iteration's data on a robot, as `runs.stages.collect_data` does in simulation.
 
-A thread of its own drives the robot, so that episodes are stored while it stands. An episode is
-stored as soon as it is over; one that is interrupted, by the operator, a kill of either side or a
-fault that says nothing of the policy, is dropped whole and tried again. Read `session` for what
-becomes of an episode.
+A separate thread drives the robot, so that episodes can be stored while it stands. An episode is
+stored as soon as it is over. If it is interrupted by the operator, a kill of either side, or a
+fault unrelated to the policy, it is dropped whole and tried again. Read `session` for how an
+episode is run.
 """
 
 from __future__ import annotations
@@ -40,24 +40,24 @@ from surefoot.workers import Workers
 logger = logging.getLogger(__name__)
 
 SWITCH_INTERVAL = 2e-4
-"""[s] The thread that drives the robot waits no longer for the other one."""
+"""[s] The longest time that the thread that drives the robot waits for the other one."""
 MOST_DROPPED = 10
 """The number of attempts dropped in a row after which collection stops."""
 
 MOSTLY = 0.8
-"""The expert drives nearly all of the time if its share is more than this."""
+"""The expert drives nearly all of the time if its share is larger than this."""
 
 Message = tuple[int, Report] | BaseException | None
-"""What the thread that drives says: the number of an episode and what an attempt at it left behind,
-why it ends early, or that it is done."""
+"""A message of the thread that drives: the number of an episode and the report of an attempt at it,
+the error that ends the thread, or None when it is done."""
 
 
 class RobotCollection:
     """Collects the data of iterations on a robot; a `runs.stages.Collect`.
 
     Args:
-        crew: The robot, its expert, and who watches over it.
-        start: What is to be said while the robot waits for its operator; empty says nothing.
+        crew: The robot, its expert, and its operator.
+        start: Text that is logged while the robot waits for its operator; empty logs nothing.
         realtime: Whether to ask the system for real-time priority while the robot is driven.
     """
 
@@ -73,7 +73,7 @@ class RobotCollection:
             run: The run.
             iteration: The iteration i.
             job: The iteration's rollouts; each begins where the robot stands.
-            workers: They have nothing to do.
+            workers: Not used.
         """
         if not isinstance(job.policy, Path):
             raise ValueError("a robot is driven by the policy of a file, and the job names none")
@@ -103,7 +103,7 @@ class RobotCollection:
         if not jobs:
             return
         crew = self._crew
-        # A disk may have failed, or a kill come, between an attempt's record and its frames.
+        # A disk failure or a kill may have come between an attempt's record and its frames.
         attempts = as_dropped(read_attempts(folder), {int(job.episode[0]) for job in jobs})
         messages: SimpleQueue[Message] = SimpleQueue()
         stop = threading.Event()
@@ -117,7 +117,7 @@ class RobotCollection:
                     if isinstance(message, BaseException):
                         raise message
                     number, report = message
-                    with interrupts_held_back() as came:  # what has been walked is recorded first
+                    with interrupts_held_back() as came:  # finished attempts are recorded first
                         _record(folder, attempts, report)
                     if report.episode is not None:
                         job = jobs[number]
@@ -125,7 +125,7 @@ class RobotCollection:
                     if came:
                         raise KeyboardInterrupt
         finally:
-            # After a Ctrl-C nobody takes these episodes any more, but the robot walked them.
+            # After a Ctrl-C these episodes are not used any more, but the robot walked them.
             with interrupts_held_back():
                 while not messages.empty():
                     message = messages.get()
@@ -141,7 +141,7 @@ class RobotCollection:
         messages: SimpleQueue[Message],
         stop: threading.Event,
     ) -> None:
-        """Run the episodes, each until it is no longer to be tried again; what the thread does."""
+        """Run the episodes and repeat each until it is not dropped; the thread runs this."""
         if self._realtime:
             take_real_time_priority()
         session: Session | None = None
@@ -152,7 +152,7 @@ class RobotCollection:
                 while not done:
                     if session is None:
                         session = Session(self._crew, policy, stop.is_set)
-                        self._crew.person.halt()  # what was typed during a training is old
+                        self._crew.person.halt()  # ignore what was typed during a training
                         if self._start:
                             logger.info(self._start)
                     report = session.run_episode(job)
@@ -180,10 +180,10 @@ class RobotCollection:
 
 
 def mostly_expert(record: Collected) -> str:
-    """What to say of an iteration in which the expert drove nearly all of the time.
+    """The warning about an iteration in which the expert drove nearly all of the time.
 
     Args:
-        record: What the iteration cost.
+        record: The record of the iteration's collection.
     """
     return (
         f"the expert drove {100 * record.expert_share:.0f} % of iteration {record.iteration}: its "
@@ -194,12 +194,12 @@ def mostly_expert(record: Collected) -> str:
 
 
 def on_robot(job: Job, robot: RobotModel) -> Job:
-    """A job whose episodes a robot can walk: it begins standing, and nothing is to disturb it.
+    """A job whose episodes a robot can walk: they begin standing, without simulated disturbances.
 
-    Each episode is a chunk of its own, so that it is stored as soon as it is over.
+    Each episode is a separate chunk, so that it is stored as soon as it is over.
 
     Args:
-        job: The job, as the method makes it.
+        job: The job that the method made.
         robot: The robot.
     """
     starts = at_rest(standing(robot), job.starts.command)
@@ -217,7 +217,7 @@ def _driving(
     messages: SimpleQueue[Message],
     stop: threading.Event,
 ) -> Iterator[None]:
-    """A context in which another thread drives; whatever ends it damps the robot."""
+    """A context in which another thread drives; however it ends, the robot is damped."""
 
     def run() -> None:
         try:
@@ -240,7 +240,7 @@ def _driving(
 
 
 def _record(folder: Path, attempts: list[Attempt], report: Report) -> None:
-    """Add an attempt to those of a run, write its last seconds, and say what it came to."""
+    """Add an attempt to those of a run, write its last seconds, and log its result."""
     attempts.append(report.attempt)
     write_attempts(folder, attempts)
     if report.last_seconds is not None:
@@ -250,7 +250,7 @@ def _record(folder: Path, attempts: list[Attempt], report: Report) -> None:
 
 
 def _tell(attempt: Attempt) -> None:
-    """Say what an attempt came to."""
+    """Log the result of an attempt."""
     text = f"episode {attempt.episode}: {attempt.end}, {attempt.seconds:.1f} s driven, "
     text += f"{attempt.expert_seconds:.1f} s of it by the expert, {attempt.takeovers} takeovers"
     if attempt.fault:

@@ -1,9 +1,9 @@
-"""An episode on a robot as the rollout that a simulator would have given.
+"""An episode on a robot, in the form of a simulated rollout.
 
 `EpisodeLog` keeps every tick in which the robot is driven, `rollout_of` makes arrays with a row for
-each tick of the gait clock, and `result_of` what a run stores of it. What nothing measures is
-filled in: the robot stays above the origin, and its feet touch the ground where no other foot is
-much lower. Read `session` next.
+each tick of the gait clock, and `result_of` makes the result that a run stores. Values that are not
+measured are filled in: the robot stays above the origin, and a foot touches the ground if no other
+foot is much lower. Read `session` next.
 """
 
 from __future__ import annotations
@@ -27,26 +27,27 @@ from surefoot.rollouts.traces import trace_of
 from surefoot.types import Array, BoolArray, to_ticks
 
 REPEATED = 1000
-"""So many measurements may fall into the same millisecond of the gait clock as the one before."""
+"""Room for measurements that repeat a millisecond of the gait clock, in ticks."""
 CONTACT = 0.005
-"""[m] A foot that is no higher above the lowest one touches the ground."""
+"""[m] A foot that is at most this much higher than the lowest one touches the ground."""
 
 
 class EpisodeLog:
     """Keeps the ticks of an episode in which the robot is driven; a `Listener`.
 
-    An episode that begins anew, since the operator let the robot stand meanwhile, is kept anew;
-    what the robot went through before is counted all the same.
+    If the episode starts over, because the operator let the robot stand in between, only the ticks
+    after that are kept, but the counts include those before.
 
     Args:
         robot: The name of the robot.
-        proper: How many ticks the episode has before its tail.
-        tail: How many ticks the expert is to drive then.
+        proper: Number of ticks in the episode before its tail.
+        tail: Number of ticks in the tail, in which the expert drives.
 
     Attributes:
-        ticks: What the gait clock has reached [ms]; 0 before the first tick.
-        expert_ticks: How many ticks the expert drove, before the episode began anew too.
-        takeovers: How often the expert took over from the policy, then too, but for the tail.
+        ticks: Time on the gait clock so far [ms]; 0 before the first tick.
+        expert_ticks: Number of ticks that the expert drove, including those before starting over.
+        takeovers: Number of times that the expert took over from the policy, including those before
+            starting over, but not in the tail.
         stood: Whether the robot stood in the last tick in which it was not damped.
     """
 
@@ -56,12 +57,12 @@ class EpisodeLog:
         self._total = proper + tail
         self.expert_ticks = 0
         self.takeovers = 0
-        self._before = 0  # ticks driven until the episode began anew
+        self._before = 0  # ticks driven before the episode started over
         self._begin()
 
     @property
     def driven(self) -> int:
-        """How many ticks the robot was driven, before the episode began anew too."""
+        """Number of ticks that the robot was driven, including those before starting over."""
         return self._before + self.ticks
 
     @property
@@ -87,11 +88,11 @@ class EpisodeLog:
         self._expert_drove = record.expert_drove
 
     def flight(self) -> Flight:
-        """What has been kept, the oldest tick first."""
+        """The kept ticks, the oldest first."""
         return self._recorder.flight()
 
     def _begin(self) -> None:
-        """Keep nothing yet."""
+        """Start over with no ticks."""
         self._recorder = FlightRecorder(self._robot, ticks=self._total + REPEATED)
         self.ticks = 0
         self.stood = False
@@ -103,7 +104,7 @@ class RecordedEpisode:
     """An episode that a robot has walked.
 
     Attributes:
-        log: Its ticks, those in which the robot was driven.
+        log: The ticks in which the robot was driven.
         outcome: How it ended.
         plans: Number of MPC solves.
         invalid_plans: Number of MPC solves that were not valid.
@@ -116,23 +117,23 @@ class RecordedEpisode:
 
     @property
     def flight(self) -> Flight:
-        """Its ticks as arrays, made anew: too slow for the thread that drives."""
+        """The ticks as arrays, made in each call: too slow for the thread that drives."""
         return self.log.flight()
 
 
 def result_of(job: Job, episode: RecordedEpisode, robot: RobotModel, config: Config) -> ChunkResult:
-    """What a run stores of an episode, as `rollouts.jobs.run_chunk` does of simulated ones.
+    """The result of an episode that a run stores, like that of `rollouts.jobs.run_chunk`.
 
     Args:
-        job: The job of the episode, one of one robot.
-        episode: What happened.
+        job: The job with this one episode of one robot.
+        episode: The recorded episode.
         robot: The robot.
         config: The configuration, with the robot's own values.
     """
     rollout, measured = rollout_of(job, episode, robot)
     recording = concatenate([])
     if job.keep is not None:
-        # What happened in the ticks that nothing measured is not known.
+        # Ticks without a measurement are not kept, because their states are unknown.
         recording = rollout.recording(job.keep(rollout) & measured, job.episode)
     info = EpisodeInfo(
         episode=job.episode,
@@ -149,11 +150,11 @@ def result_of(job: Job, episode: RecordedEpisode, robot: RobotModel, config: Con
 def rollout_of(job: Job, episode: RecordedEpisode, robot: RobotModel) -> tuple[Rollout, BoolArray]:
     """An episode as a rollout of one robot, and ``(1, T)`` True for the ticks that were measured.
 
-    A tick of the gait clock that the runtime has missed repeats the one before it.
+    A tick of the gait clock that the runtime missed repeats the previous one.
 
     Args:
-        job: The job of the episode, one of one robot.
-        episode: What happened; one tick of it at least.
+        job: The job with this one episode of one robot.
+        episode: The recorded episode, with at least one tick.
         robot: The robot.
     """
     flight = episode.flight
@@ -169,7 +170,7 @@ def rollout_of(job: Job, episode: RecordedEpisode, robot: RobotModel) -> tuple[R
     seen = state[row[None]]
     torque = commanded_torque(flight, robot)[row][None]
     drove = flight.expert_drove[row][None]
-    # The command is the one that was asked for, within what the policy was trained on.
+    # The command as it was given to the policy, limited to the range that it was trained on.
     starts = replace(job.starts, q=q[:1], v=v[:1], command=flight.command[:1])
     rollout = Rollout(
         q=seen.q,
@@ -192,13 +193,13 @@ def rollout_of(job: Job, episode: RecordedEpisode, robot: RobotModel) -> tuple[R
 
 
 def commanded_torque(flight: Flight, robot: RobotModel) -> Array:
-    """``(n, 12)`` the torques that the motors were to apply in each tick, clipped [N m].
+    """``(n, 12)`` the torques that were commanded to the motors in each tick, clipped [N m].
 
     Args:
         flight: The ticks.
         robot: The robot, for the limits.
     """
-    # The order of the sums is that of the simulated expert, to the bit.
+    # The terms are added in the same order as in the simulated expert, for the same bits.
     stiff = flight.torque + flight.kp * (flight.position - flight.joint_position)
     torque = stiff + flight.kd * (flight.velocity - flight.joint_velocity)
     return clip_torque(torque, robot.torque_limit)

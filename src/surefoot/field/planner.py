@@ -1,6 +1,6 @@
-"""The expert's planner in a process of its own, so that the loop on the robot never waits for it.
+"""The expert's planner in a separate process, so that the loop on the robot never waits for it.
 
-Requests and plans go through a pipe. Read `deploy.handover` for who asks, and when.
+Requests and plans go through a pipe. Read `deploy.handover` for when plans are requested.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from surefoot.types import GaitCommand, MotionPlan
 READY_WITHIN = 600.0
 """[s] Loading the planner and compiling its code takes minutes where nothing is cached."""
 ANSWERS_WITHIN = 10.0
-"""[s] A planner that is ready and has not answered for so long hangs."""
+"""[s] A planner that is ready but has not answered for this long is taken to hang."""
 
 
 class PlannerProcess:
@@ -28,13 +28,13 @@ class PlannerProcess:
         realtime: Whether to ask the system for real-time priority, right after the loop's.
 
     Raises:
-        NoPlan: The process does not begin to plan.
+        NoPlan: The process does not get ready to plan.
     """
 
     def __init__(self, config: Config, realtime: bool = False) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, other = context.Pipe()
-        self._outstanding = 1  # requests without an answer; it says by itself that it is ready
+        self._outstanding = 1  # unanswered requests; the first answer says that it is ready
         self._process = context.Process(target=_plan, args=(config, other, realtime), daemon=True)
         self._process.start()
         other.close()
@@ -59,16 +59,16 @@ class PlannerProcess:
             raise NoPlan(PLANNER_ENDED) from error
 
     def forget(self) -> None:
-        """See `PlanLink`; it waits for the answers that are still to come.
+        """See `PlanLink`; this waits for all outstanding answers.
 
         Raises:
-            NoPlan: They do not come.
+            NoPlan: An answer does not come.
         """
         while self._outstanding:
             try:
                 answer = self.answer(ANSWERS_WITHIN)
             except NoPlan:
-                return  # it has ended; whoever asks next will be told
+                return  # the process has ended; the next request raises an error
             if answer is None:
                 raise NoPlan(f"the planner has not answered for {ANSWERS_WITHIN:g} s")
 
@@ -79,7 +79,7 @@ class PlannerProcess:
         self._process.join()
 
     def _receive(self) -> tuple[int, MotionPlan]:
-        """The next answer."""
+        """Receive the next answer."""
         try:
             answer = self._pipe.recv()
             self._outstanding -= 1
@@ -89,8 +89,8 @@ class PlannerProcess:
 
 
 def _plan(config: Config, pipe: Connection, realtime: bool) -> None:
-    """Answer requests until the other side has gone; what this process runs."""
-    # A Ctrl-C, or the end of the terminal, is for the other side, which then ends this one.
+    """Answer requests until the other side is gone; the planner's process runs this."""
+    # A Ctrl-C or a closed terminal is handled by the other process, which then ends this one.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     import numpy as np
@@ -102,7 +102,7 @@ def _plan(config: Config, pipe: Connection, realtime: bool) -> None:
 
     robot = load_robot(config.robot)
     plan = make_plan(robot, config)
-    # The first plans compile; the answer says that the planner is ready.
+    # The first plans trigger compilation; the answer then tells that the planner is ready.
     standing_state = state_of(robot, standing(robot)[None], np.zeros((1, 18)))[0]
     commands = [GaitCommand(gait=number) for number in range(len(config.gaits))]
     plans = [plan(standing_state, 0, command) for command in commands]

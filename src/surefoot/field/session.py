@@ -1,8 +1,8 @@
-"""A session with a robot: from the greeting of its bridge until its joints are damped.
+"""A session with a robot: from connecting to its bridge until its joints are damped.
 
-A session runs episodes one after another, and the robot stands in between. A fault ends it, and so
-do the operator and the end of an iteration; the next one begins with a new greeting. Read
-`deploy.loop` for what a tick does, and `collection` next.
+A session runs episodes one after another, and the robot stands in between. A fault, the operator or
+the end of an iteration ends it; the next session connects again. Read `deploy.loop` for what
+happens in a tick, and `collection` next.
 """
 
 from __future__ import annotations
@@ -47,11 +47,11 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND, Command, to_ticks
 logger = logging.getLogger(__name__)
 
 LOST = ("joint limit", "joint speed", "saturated torque")
-"""Faults of a robot that would have hurt itself: its policy has lost it, as in a fall."""
+"""Faults of a robot that might have damaged itself; they count as a fall of its policy."""
 BASE_PATIENCE = 10.0
-"""[s] A base that is not measured is waited for so long before a session ends the learning."""
+"""[s] How long a session waits for a measurement of the base before it stops the learning."""
 PATIENCE = 60.0
-"""[s] A bridge that does not answer is asked for so long: it may have to be started again."""
+"""[s] How long a bridge that does not answer is tried again: it may have to be restarted."""
 
 
 class Person(Protocol):
@@ -62,19 +62,19 @@ class Person(Protocol):
         ...
 
     def halt(self) -> None:
-        """Forget the start, and what was typed since: a damped robot waits for another one."""
+        """Forget the start and all input since then: a damped robot waits for another start."""
         ...
 
 
 class Unattended:
-    """Starts at once, again and again: for a twin, which is set up again after a fall."""
+    """Starts at once, every time: for a simulated twin, which is set up again after a fall."""
 
     def wish(self) -> Wish:
         """See `Person`."""
         return Wish(True, Command())
 
     def halt(self) -> None:
-        """Do nothing: it has never said start."""
+        """Do nothing, because there is no input to forget."""
 
 
 class EpisodeOperator:
@@ -86,7 +86,7 @@ class EpisodeOperator:
     Attributes:
         command: The velocity of the episode.
         rest: Whether the robot is to stand.
-        lost: Why the person is not there any more; empty as long as there is one.
+        lost: Why the person is no longer there; empty as long as there is one.
     """
 
     def __init__(self, person: Person) -> None:
@@ -104,16 +104,16 @@ class EpisodeOperator:
 
 @dataclass(frozen=True)
 class Crew:
-    """What all sessions have in common.
+    """Everything that all sessions share.
 
     Attributes:
         robot: The robot's model.
         config: The run's configuration, with the robot's own values.
-        runtime: How it stands up, and the limits of the faults.
-        planner: The way to the expert's planner.
+        runtime: How the robot stands up, and the limits of the faults.
+        planner: The link to the expert's planner.
         person: Who starts and stops the robot.
-        connection: Makes a robot that has not been greeted yet.
-        clock: Gives the time [ns].
+        connection: Makes a robot that is not connected yet.
+        clock: Returns the time [ns].
     """
 
     robot: RobotModel
@@ -127,11 +127,11 @@ class Crew:
 
 @dataclass(frozen=True)
 class Report:
-    """What an attempt at an episode leaves behind.
+    """The result of an attempt at an episode.
 
     Attributes:
-        attempt: What the robot went through.
-        episode: The episode; None if it is to be tried again.
+        attempt: The record of the attempt.
+        episode: The recorded episode; None if it is to be tried again.
         last_seconds: The last ten seconds before a fault; None without one.
     """
 
@@ -141,17 +141,15 @@ class Report:
 
 
 class Session:
-    """A robot that has been greeted, and the loop that drives it with one policy.
+    """A connected robot, and the loop that drives it with one policy.
 
     Args:
-        crew: What all sessions have in common.
+        crew: Everything that all sessions share.
         policy: The policy.
-        stopped: Asked before every tick; True ends it.
+        stopped: Called before every tick; True ends the episode.
 
     Raises:
         Stale: No bridge answers.
-        WrongRobotError: The bridge serves another robot.
-        ValueError: Nothing measures height and velocity of the base.
     """
 
     def __init__(self, crew: Crew, policy: OnnxPolicy, stopped: Callable[[], bool]) -> None:
@@ -173,7 +171,7 @@ class Session:
         self._switch: EpisodeSwitch | None = None
         self._operator = EpisodeOperator(crew.person)
         self._runtime: Runtime | None = None
-        self._passed = 0  # ticks of the robot until the last episode was over
+        self._passed = 0  # ticks of the robot up to the end of the last episode
         self._missed = 0
 
     @property
@@ -183,14 +181,18 @@ class Session:
 
     @property
     def lost(self) -> str:
-        """Why nobody watches over the robot any more; empty as long as somebody does."""
+        """Why nobody is watching over the robot any more; empty as long as somebody is."""
         return self._operator.lost
 
     def run_episode(self, job: Job) -> Report:
         """Stand the robot up if it lies, drive it for an episode, and let it stand again.
 
         Args:
-            job: The episode, one of one robot.
+            job: A job with one episode of one robot.
+
+        Raises:
+            WrongRobotError: The policy is for another robot than the bridge serves.
+            ValueError: The height and the velocity of the base are not measured.
         """
         crew = self._crew
         runtime = self._runtime or self._begin(job)
@@ -208,7 +210,7 @@ class Session:
             runtime.tick()
         self._operator.rest = True
         while runtime.mode == Mode.DRIVE and log.whole and not runtime.over:
-            runtime.tick()  # until a new measurement comes, from which on it stands
+            runtime.tick()  # until the next measurement, after which the robot stands
         lay = runtime.deadlines.passed - self._passed - (runtime.drivers.driven - driven)
         outcome = outcome_of(log, runtime.fault)
         attempt = Attempt(
@@ -241,7 +243,7 @@ class Session:
         self._robot.close()
 
     def _begin(self, job: Job) -> Runtime:
-        """Make the loop, once the robot has told what it measures."""
+        """Make the loop, once the robot measures its base."""
         crew = self._crew
         self._wait_for_base()
         fall_angle = max(crew.config.safety.fall_angle, job.disturbance.fall_angle)
@@ -261,7 +263,7 @@ class Session:
         """Wait until the base is measured: motion capture may lose a robot that lies on its side.
 
         Raises:
-            ValueError: It has not been measured for `BASE_PATIENCE`.
+            ValueError: The base has not been measured for `BASE_PATIENCE`.
         """
         clock = self._crew.clock
         latest = clock() + round(1e9 * BASE_PATIENCE)
@@ -280,19 +282,19 @@ _END_OF: Mapping[Outcome | None, End] = {
 
 
 def outcome_of(log: EpisodeLog, fault: Fault | None) -> Outcome | None:
-    """How an episode has ended; None if that says nothing of its policy.
+    """The outcome of an episode; None if it ended for a reason unrelated to the policy.
 
-    Whether a robot that stayed up kept stepping is not judged.
+    A robot that stayed up counts as a success even if it stopped stepping.
 
     Args:
-        log: The episode.
-        fault: What damped the robot.
+        log: The log of the episode.
+        fault: The fault that damped the robot; None if there was none.
     """
     if log.whole:
         return Outcome.SUCCESS
     if fault is None or log.ticks == 0 or fault.detail == PLANNER_ENDED:
         return None
-    if log.stood:  # as the operator wished: nobody drove it
+    if log.stood:  # the operator made it stand, so nobody was driving
         return None
     if fault.kind in FALLS or fault.kind in LOST:
         return Outcome.FELL
@@ -300,7 +302,7 @@ def outcome_of(log: EpisodeLog, fault: Fault | None) -> Outcome | None:
 
 
 def deployed_policy(path: Path, robot: RobotModel, config: Config) -> OnnxPolicy:
-    """A run's policy as the loop on the robot runs it, with the bits of the simulated one.
+    """A run's policy for the loop on the robot, with the same bits as in simulation.
 
     Args:
         path: The policy's file.
@@ -320,16 +322,16 @@ def deployed_policy(path: Path, robot: RobotModel, config: Config) -> OnnxPolicy
 
 
 def check_bridge(connection: Callable[[], UdpRobot], model: RobotModel) -> None:
-    """Check that a bridge serves a robot on which its expert can teach, before any work.
+    """Check, before any work, that a bridge serves a robot that the expert can drive.
 
     Args:
-        connection: Makes a robot that has not been greeted yet.
+        connection: Makes a robot that is not connected yet.
         model: The robot's model.
 
     Raises:
         Stale: No bridge answers.
-        ValueError: It serves another robot, joint order or rate, its limits or times keep no robot
-            safe, or nothing measures height and velocity of the base.
+        ValueError: The bridge serves another robot, joint order or rate, its limits or times keep
+            no robot safe, or the height and the velocity of the base are not measured.
     """
     robot = _connected(connection, lambda: False)
     try:
@@ -350,10 +352,10 @@ def check_base(sensors: Sensors) -> None:
     """Check that the expert can plan for a robot.
 
     Args:
-        sensors: What it measures.
+        sensors: The robot's measurements.
 
     Raises:
-        ValueError: Nothing measures height and velocity of the base.
+        ValueError: The height and the velocity of the base are not measured.
     """
     if sensors.base is None:
         raise ValueError(
@@ -364,10 +366,10 @@ def check_base(sensors: Sensors) -> None:
 
 
 def _connected(connection: Callable[[], UdpRobot], stopped: Callable[[], bool]) -> UdpRobot:
-    """Greet a robot's bridge until it answers.
+    """Connect to a robot's bridge, and try again until it answers.
 
     Raises:
-        Stale: It has not answered for `PATIENCE`, or this was stopped.
+        Stale: The bridge has not answered for `PATIENCE`, or `stopped` returned True.
     """
     begun = time.monotonic()
     warned = False

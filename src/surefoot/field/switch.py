@@ -1,7 +1,7 @@
-"""Who drives a robot in an episode of a job, by the rules of the simulated rollouts.
+"""The decision who drives a robot in an episode, by the rules of simulated rollouts.
 
-The arbiter is the method's own, such as a gate with blocking; in the tail the expert drives, and a
-robot has fallen where a simulated one would have. Read `rollouts.engine` for the same rules over
+The arbiter is that of the method, such as a gate with blocking. In the tail the expert drives, and
+a robot counts as fallen when a simulated one would. Read `rollouts.engine` for the same rules over
 many robots, and `session` next.
 """
 
@@ -18,12 +18,12 @@ from surefoot.types import Command, one_flag_each, to_ticks
 
 
 class EpisodeSwitch:
-    """Lets the expert drive where the arbiter of a job says so, and in its tail.
+    """Lets the expert drive when the arbiter of a job says so, and in the tail.
 
     Args:
-        policy: The policy, which makes a state of what the robot measures.
+        policy: The policy, which turns the robot's measurements into a state.
         safety: The bounds beyond which a robot has fallen.
-        job: The episode, one of one robot.
+        job: A job with one episode of one robot.
     """
 
     def __init__(self, policy: OnnxPolicy, safety: SafetyConfig, job: Job) -> None:
@@ -33,10 +33,10 @@ class EpisodeSwitch:
         self.begin(job)
 
     def begin(self, job: Job) -> None:
-        """Be ready for another episode.
+        """Get ready for another episode.
 
         Args:
-            job: The episode, one of one robot.
+            job: A job with one episode of one robot.
         """
         self._job = job
         self.reset()
@@ -47,7 +47,7 @@ class EpisodeSwitch:
 
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
         """See `Switch`."""
-        if sensors.base is None:  # the height says who has fallen, and the expert plans with it
+        if sensors.base is None:  # both the test for falls and the expert need the height
             raise MissingBase("the height and the velocity of the base were not measured")
         state = self._policy.state(sensors)
         has_fallen = bool(fallen(state, self._safety)[0])

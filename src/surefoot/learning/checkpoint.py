@@ -56,7 +56,7 @@ def save_checkpoint(
     tensors = {f"network.{name}": tensor for name, tensor in network.state_dict().items()}
     for index, moments in optimizer.state_dict()["state"].items():
         tensors |= {f"optimizer.{index}.{name}": tensor for name, tensor in moments.items()}
-    # Not in the header: that would be too long to be read after some ten thousand epochs.
+    # Not in the header, which would be too long to be read after some ten thousand epochs.
     tensors["losses"] = torch.tensor(losses, dtype=torch.float64).reshape(-1, 2)
     write_tensor_file(path, tensors, {"key": key})
 
@@ -64,12 +64,12 @@ def save_checkpoint(
 def load_checkpoint(
     path: Path, key: str, network: PolicyNetwork, optimizer: torch.optim.Optimizer
 ) -> Losses:
-    """Bring network and optimizer to the state that a checkpoint holds.
+    """Restore network and optimizer from a checkpoint.
 
-    A file that does not exist, is damaged, or belongs to another fit changes nothing.
+    A file that does not exist, is damaged, or belongs to another fit is ignored.
 
     Returns:
-        The losses of the finished epochs; none if nothing was changed.
+        The losses of the finished epochs; empty if nothing was restored.
     """
     if not path.exists():
         return []
@@ -97,7 +97,7 @@ def load_checkpoint(
 
 
 def _expected(network: PolicyNetwork) -> Iterator[TensorKind]:
-    """What a checkpoint of this network and its Adam holds besides the losses."""
+    """The tensors in a checkpoint of this network and its optimizer, except the losses."""
     for kind in tensor_kinds(network.hidden, len(network.mean)):
         yield replace(kind, name=f"network.{kind.name}")
     for index, parameter in enumerate(network.parameters()):
@@ -108,7 +108,7 @@ def _expected(network: PolicyNetwork) -> Iterator[TensorKind]:
 
 
 def _pop_losses(tensors: dict[str, Tensor], header: _Header) -> Losses:
-    """The losses of a checkpoint, whose tensor is taken out of the tensors.
+    """Remove the losses from a checkpoint's tensors and return them.
 
     Raises:
         ValueError: They are not pairs of numbers.

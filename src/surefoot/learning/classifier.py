@@ -1,8 +1,8 @@
-"""A small network that gives the probability that a row is *positive*, and a file that keeps it.
+"""A small network that gives the probability that a row is *positive*, and its file.
 
 It serves the learned gates (``safety/learned.py``), where positive means unsafe. Layers,
-normalizers and their folding are those of the policy's network. Needs no robotics. Read next:
-``safety/learned.py``.
+normalizers and their folding are those of the policy's network. This module needs no robotics. Read
+next: ``safety/learned.py``.
 """
 
 from __future__ import annotations
@@ -40,35 +40,35 @@ EPOCHS = 6
 BATCH = 1024
 """Rows in a step."""
 LEAST_ROWS = 8
-"""Rows that there have to be: four steps of two."""
+"""The fewest rows to train on: four steps of two rows in each pass."""
 RATE = 3e-3
-"""Learning rate of Adam at the beginning; it falls to zero as a cosine."""
+"""Learning rate of Adam at the beginning; it falls to zero along a cosine."""
 MOST_ROWS = 1_000_000
 """Rows in an epoch; if there are more, this many are drawn."""
 NORMALIZING_ROWS = 100_000
-"""About this many rows give the normalizers; those of a history gate take 400 MB in float64."""
+"""About this many rows fix the normalizers; for a history gate they take 400 MB in float64."""
 FORMAT = 1
 """Version of the file."""
 
 
 @dataclass(frozen=True)
 class ClassifierQuality:
-    """What a classifier was trained on, and how well it does on rows that were held out.
+    """A classifier's training data, and how well it does on rows that were held out.
 
-    Without rows held out, all fields from ``held_out`` on are None.
+    Without held-out rows, all fields from ``held_out`` on are None.
 
     Attributes:
         rows: Number of rows that the classifier was trained on.
         share_yes: Share of those rows that is positive.
         seed: Seed of its weights and of the order of its rows.
         held_out: Number of rows held out.
-        held_out_yes: How many of those are positive.
+        held_out_yes: Number of those that are positive.
         alarm: Probability beyond which a row is called positive.
         recall: Share of the positive rows that is called positive; 0 without any.
         precision: Share of the rows called positive that is positive; 0 without any.
-        share_said: Share of all rows that is called positive.
-        average_precision: Mean over the positive rows of the precision of an alarm just below
-            each; for a network that has learned nothing it is ``held_out_yes / held_out``.
+        share_said: Share of all held-out rows that is called positive.
+        average_precision: Mean over the positive rows of the precision with an alarm just below
+            each row's probability; ``held_out_yes / held_out`` if the network has learned nothing.
     """
 
     rows: int
@@ -89,14 +89,14 @@ class Classifier:
 
     Attributes:
         layers: Weight ``(inputs, outputs)`` and bias ``(outputs,)`` of each layer, float32.
-        quality: What the classifier was trained on, and how well it does.
+        quality: The classifier's training data, and how well it does.
     """
 
     layers: tuple[tuple[Float32Array, Float32Array], ...]
     quality: ClassifierQuality
 
     def __getstate__(self) -> dict[str, object]:
-        """What other processes get: all but the session, which they make themselves."""
+        """What is sent to other processes: all but the ONNX session, which they make themselves."""
         return {"layers": self.layers, "quality": self.quality}
 
     @cached_property
@@ -104,7 +104,7 @@ class Classifier:
         return runner(onnx_graph(self.layers))
 
     def probability(self, rows: Float32Array) -> Float32Array:
-        """``(n,)`` probability that a row is positive; each row's depends on it alone.
+        """``(n,)`` probability that each row is positive, independent of the other rows.
 
         Args:
             rows: ``(n, inputs)``.
@@ -122,8 +122,9 @@ def fit_classifier(
     """Train by binary cross-entropy; the same rows and seed give the same bits.
 
     All rows have the same weight, however rare positive ones are, so that the probabilities are
-    calibrated. Where positive rows are rare, the probability is seldom beyond 0.5: lower the alarm.
-    Weights that make up for the rarity find fewer of them (``benchmarks/notebook/gates.md``).
+    calibrated. If positive rows are rare, the probability is seldom beyond 0.5: use a lower alarm.
+    Weights that make up for the rarity find fewer positive rows
+    (``benchmarks/notebook/gates.md``).
 
     Args:
         rows: ``(n, inputs)``, finite.
@@ -198,10 +199,10 @@ def _train(
 def judge_classifier(
     quality: ClassifierQuality, probability: Float32Array, positive: BoolArray, alarm: float
 ) -> ClassifierQuality:
-    """The quality of a classifier, completed by what the held-out rows show.
+    """The quality of a classifier, completed by the figures on held-out rows.
 
     Args:
-        quality: What the classifier was trained on.
+        quality: The quality without those figures.
         probability: ``(n,)`` probabilities that the classifier gives to the held-out rows.
         positive: ``(n,)`` True for the held-out rows that are positive.
         alarm: Probability beyond which a row is called positive.
@@ -210,7 +211,7 @@ def judge_classifier(
     hits = float((called & positive).sum())
     order = np.argsort(-probability, kind="stable")
     ranked = positive[order]
-    # An alarm just below a row calls all rows of its probability.
+    # An alarm just below a row's probability also calls all rows with the same probability.
     called_then = np.searchsorted(-probability[order], -probability[order], side="right")
     precision = np.cumsum(ranked)[called_then - 1] / called_then
     return replace(
@@ -231,7 +232,7 @@ class _Header:
 
     Attributes:
         format: Version of the file.
-        figures: What the classifier was trained on, and how well it does.
+        figures: The classifier's training data, and how well it does.
         sha256: Hash of its quality and layers.
     """
 
@@ -259,7 +260,7 @@ def load_classifier(path: Path, inputs: int | None = None) -> Classifier:
 
     Args:
         path: The file.
-        inputs: Number of inputs that it has to have; by default any.
+        inputs: Number of inputs that it must have; by default any.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -287,7 +288,7 @@ def load_classifier(path: Path, inputs: int | None = None) -> Classifier:
 
 
 def _layers(tensors: Mapping[str, Tensor]) -> tuple[tuple[Float32Array, Float32Array], ...]:
-    """The layers of a classifier's file, which give one number.
+    """The layers of a classifier's file, with a single output.
 
     Raises:
         ValueError: The tensors are not layers that follow one another, or are not finite.

@@ -1,11 +1,11 @@
 """A dataset: a folder of immutable HDF5 shards of recorded ticks, and a manifest.
 
-What counts as a frame, in every number and in the hash, are the ticks that a method keeps to train
-on; the ticks before them are stored beside them, because policies with a history need the past.
+Only the ticks that a method keeps to train on count as frames, in every number and in the hash. The
+ticks before them are stored too, because policies with a history need the past.
 
-A shard counts once the manifest names it. A kill between the two leaves a file that the next
-``append`` of that name overwrites. One process appends at a time; any number may read. Read
-``frames.py`` first, and ``samples.py`` next.
+A shard counts once the manifest lists it. A kill between writing the shard and the manifest leaves
+a file that the next ``append`` of that name overwrites. One process appends at a time; any number
+may read. Read ``frames.py`` first, and ``samples.py`` next.
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ from surefoot.types import BoolArray, IntArray
 class Dataset:
     """An append-only folder of shards. Counts and hash are read from its manifest alone.
 
-    Counting the frames of a view that cuts through a shard reads that shard.
+    The exception is the number of frames in a view that cuts through a shard, which is then read.
 
     Args:
         folder: Folder of the files; the first ``append`` creates it.
-        before: Episodes of this id or above are left out, and so are parts of them; such a view is
-            read-only.
+        before: Episodes with this id or a larger one are left out, with their parts; such a view
+            is read-only.
         skip_damaged: Whether shards that are lost or damaged are left out, with a warning that
-            names them: counts and hash are those of what is left. All shards are read to find out.
-            Such a view is read-only, too.
-        only: All episodes but these are left out; such a view is read-only. None keeps all.
+            names them, and do not count in counts and hash. All shards are read to find out. Such a
+            view is read-only, too.
+        only: Ids of the episodes to keep; such a view is read-only. None keeps all.
     """
 
     def __init__(
@@ -72,15 +72,15 @@ class Dataset:
         self._is_whole: dict[str, bool] = {}
 
     def before(self, episode: int) -> Dataset:
-        """The dataset as it was before that episode, if ids grow with time."""
+        """A view of the dataset as it was before that episode, provided that ids grow with time."""
         return Dataset(self.folder, episode, self._skip_damaged, self._only)
 
     def only(self, episodes: Collection[int]) -> Dataset:
-        """Some of the episodes; what is not in the dataset is not in this view either."""
+        """A view of some of the episodes; ids that the dataset lacks are ignored."""
         return Dataset(self.folder, self._before, self._skip_damaged, episodes)
 
     def append(self, name: str, frames: Frames) -> None:
-        """Add frames as a shard, whole or not at all; the same frames again change nothing.
+        """Add frames as a shard, whole or not at all; adding the same frames again has no effect.
 
         Args:
             name: Name of the shard: letters, digits, ``_``, ``-`` and dots; not ``manifest``.
@@ -88,11 +88,11 @@ class Dataset:
                 gives them; may be empty.
 
         Raises:
-            DatasetError: The name is taken by other frames or is that of the manifest, or an
-                episode is in another shard, or this is a view.
+            DatasetError: The name is taken by other frames or by the manifest, or an episode is in
+                another shard, or this is a view.
             WriteError: The disk is full, or read-only.
         """
-        # The manifest would lose the shards that a view leaves out.
+        # Appending to a view would drop the shards that it leaves out from the manifest.
         if self._leaves_out or self._skip_damaged:
             raise DatasetError(f"a view of {self.folder} is only read: append to the whole")
         check_new_name(name)
@@ -101,7 +101,7 @@ class Dataset:
         shards = self._shards()
         if name in shards:
             if shards[name].episodes == digests:
-                if not self.shard_path(name).exists():  # lost since; no frame changes
+                if not self.shard_path(name).exists():  # lost since then: write the same frames
                     self._write(name, frames, digests, shards)
                 return
             raise DatasetError(
@@ -127,7 +127,7 @@ class Dataset:
         write_json(self._manifest, Manifest(FORMAT, dict(sorted(shards.items()))))
 
     def holds(self, name: str, frames: Frames) -> bool:
-        """Whether the frames are those that a shard has, or had where its file is lost.
+        """Whether the frames are those of a shard, even if its file is lost.
 
         Args:
             name: Name of the shard.
@@ -137,7 +137,7 @@ class Dataset:
         return entry is not None and entry.episodes == episode_digests(sorted_by_episode(frames))
 
     def episode_ids(self, shards: Sequence[str] | None = None) -> list[int]:
-        """The ids of the episodes of the named shards, or of all, sorted; no shard is read for it.
+        """The sorted ids of the episodes of the named shards, or of all; this reads no shard.
 
         Args:
             shards: Names of the shards; None for all.
@@ -201,10 +201,10 @@ class Dataset:
 
     @property
     def hash(self) -> str:
-        """SHA-256 of the kept frames, episode by episode: the same however they are sharded.
+        """SHA-256 of the kept frames, episode by episode, so that sharding does not matter.
 
-        It covers `frames.FRAME_FIELDS`, and the gait; not the ticks before the kept ones, nor what
-        was applied in them (`ticks_hash`).
+        It covers `frames.FRAME_FIELDS` and the gait, but not the ticks before the kept ones, nor
+        the applied torques (see `ticks_hash`).
         """
         digests: dict[str, str] = {}
         for entry in self._shards().values():
@@ -213,16 +213,16 @@ class Dataset:
 
     @property
     def ticks_hash(self) -> str:
-        """SHA-256 of all arrays of all ticks, of whole shards: that of what a history is made of.
+        """SHA-256 of all arrays of all ticks of whole shards, from which histories are made.
 
-        Shards of format 1 have no ticks but the kept ones.
+        Shards of format 1 only have the kept ticks.
         """
         digests = [entry.ticks_sha256 or entry.sha256 for entry in self._shards().values()]
         return hashlib.sha256("\n".join(sorted(digests)).encode()).hexdigest()
 
     @property
     def _manifest(self) -> Path:
-        """The file that names the shards."""
+        """The file that lists the shards."""
         return self.folder / MANIFEST_FILE
 
     def shard_path(self, name: str) -> Path:
@@ -230,7 +230,7 @@ class Dataset:
         return self.folder / f"{name}.h5"
 
     def _shards(self) -> dict[str, ShardEntry]:
-        """The manifest's entries, without those that are left out as a whole."""
+        """The manifest's entries, without shards that are left out as a whole."""
         shards = self._read_manifest()
         if self._skip_damaged:
             shards = self._undamaged(shards)
@@ -262,7 +262,7 @@ class Dataset:
         )
 
     def _undamaged(self, shards: dict[str, ShardEntry]) -> dict[str, ShardEntry]:
-        """The entries whose files are whole; each file is read, and warned of, once."""
+        """The entries whose files are whole; each file is read only once, with one warning."""
         damaged = []
         for name in shards.keys() - self._is_whole.keys():
             try:
@@ -289,14 +289,14 @@ class Dataset:
         return {episode: digest for (episode, digest), keep in chosen if keep}
 
     def _chosen(self, frames: Frames, all_ticks: bool) -> Frames:
-        """The frames, sorted by episode, of those episodes that are not left out."""
+        """The frames of the episodes that are not left out; without all_ticks, only kept ones."""
         if self._leaves_out:
             frames = frames[self._keeps(frames.episode)]
         return frames if all_ticks else frames.kept_frames
 
     @property
     def _leaves_out(self) -> bool:
-        """Whether this is a view of some episodes."""
+        """Whether this view leaves out episodes."""
         return self._before is not None or self._only is not None
 
     def _keeps(self, episode: IntArray) -> BoolArray:
@@ -344,7 +344,7 @@ class Dataset:
 
     @contextmanager
     def _naming(self, name: str) -> Iterator[None]:
-        """A context in which an `OSError` becomes one that names the shard and says what to do."""
+        """A context that turns an `OSError` into a `DatasetError` that names the shard."""
         try:
             yield
         except OSError as error:

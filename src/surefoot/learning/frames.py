@@ -1,11 +1,10 @@
 """Recorded frames in memory: arrays over ticks, with a hash by episodes, not by files.
 
-A frame is what the robot measured at one tick and the expert's torque there. What the network sees
-and what it should give are derived from frames when training (``samples.derive``), so that an
-observation or a gain can change without new rollouts. What a policy remembers at a frame lies in
-the ticks before it, kept or not: a recording has those too, as far back as a history may reach, and
-says which ticks the method keeps to train on. Read next: ``dataset.py``, which keeps frames on
-disk.
+A frame is the state of the robot at one tick and the expert's torque there. The network's inputs
+and targets are derived from frames when training (``samples.derive``), so that an observation or a
+gain can change without new rollouts. A policy's memory at a frame comes from the ticks before it,
+kept or not: a recording includes those too, as far back as a history may reach, and marks the ticks
+that the method keeps to train on. Read next: ``dataset.py``, which keeps frames on disk.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from surefoot.types import Array, BoolArray, IntArray, State
 
 Fields = dict[str, tuple[tuple[int, ...], str]]
-"""Arrays by name: the shape of one frame's part of each, and the type on disk."""
+"""Arrays by name: the shape of each for a single frame, and the type on disk."""
 FRAME_FIELDS: Fields = {
     "q": ((19,), "<f8"),
     "v": ((18,), "<f8"),
@@ -35,7 +34,7 @@ FRAME_FIELDS: Fields = {
     "episode": ((), "<i8"),
     "outcome": ((), "|i1"),
 }
-"""What a frame is, and what its hash is of; shards of format 1 hold no more."""
+"""The arrays of a frame, which its hash covers; shards of format 1 have only these."""
 FIELDS: Fields = FRAME_FIELDS | {
     "gait": ((), "|i1"),
     "kept": ((), "|b1"),
@@ -44,16 +43,16 @@ FIELDS: Fields = FRAME_FIELDS | {
 }
 """All arrays of a recording."""
 UNKNOWN: Any = None
-"""Stands for an array that follows from the others; `Frames` puts it in."""
+"""Placeholder for an array that is not given; `Frames` fills it in."""
 PART = 1_000_000_000_000
-"""Part n of an episode, from 1 on, has this many times n more than the episode as its id."""
+"""The id of part n of an episode, from 1 on, is the episode's id plus n times this."""
 
 
 def whole_episode(episode: IntArray) -> IntArray:
-    """``(n,)`` ids of the whole episodes that parts belong to; a whole episode is its own.
+    """``(n,)`` ids of the whole episodes that parts belong to; a whole episode keeps its id.
 
-    A part repeats states of its episode (LocoDAGGER's expert rollouts begin in them), so whatever
-    keeps episodes apart has to keep these together.
+    A part repeats states of its episode (LocoDAGGER's expert rollouts begin in them), so a split by
+    episodes has to keep the parts together.
 
     Args:
         episode: ``(n,)`` ids of whole episodes and of parts.
@@ -65,8 +64,8 @@ def whole_episode(episode: IntArray) -> IntArray:
 class Frames:
     """n recorded ticks of any robots, in the order of time within each episode.
 
-    Where nothing is said about the last four arrays, all are kept, the expert drove, in the first
-    gait, and it is unknown how long each episode had lasted.
+    By default the last four arrays mean that the gait is the first one, that all ticks are kept,
+    that the expert drove, and that the elapsed time is unknown.
 
     Attributes:
         q: ``(n, 19)`` configuration [m, unit quaternion, rad].
@@ -77,15 +76,15 @@ class Frames:
         tick: ``(n,)`` gait clock [ms].
         command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         torque: ``(n, 12)`` the expert's joint torque [N m], clipped to the motor limit.
-        expert_drove: ``(n,)`` True where that torque was applied, not only recorded.
+        expert_drove: ``(n,)`` True where this torque was applied, not only recorded.
         episode: ``(n,)`` id of the episode, or of a part of one (`whole_episode`).
         outcome: ``(n,)`` int8, how the frame's episode ended.
-        gait: ``(n,)`` int8, which of the run's gaits the robot was to walk.
-        kept: ``(n,)`` True for ticks to train on; the others are only the past of those.
-        applied: ``(n, 12)`` the torque that was commanded by whoever drove [N m], clipped; not a
-            number where that is unknown.
-        elapsed: ``(n,)`` int32, ticks since the episode began, or since the one did that it goes on
-            from, as LocoDAGGER's queries do; -1 where that is unknown.
+        gait: ``(n,)`` int8, number of the run's gait that the robot was to walk.
+        kept: ``(n,)`` True for ticks to train on; the others only provide the past of those.
+        applied: ``(n, 12)`` the torque that was commanded by whoever drove [N m], clipped; NaN
+            where it is unknown.
+        elapsed: ``(n,)`` int32, ticks since the episode began, or for a query of LocoDAGGER, since
+            the rollout that it continues began; -1 where unknown.
 
     Raises:
         ValueError: An array has the wrong shape, or a type that would lose digits.
@@ -108,7 +107,7 @@ class Frames:
     elapsed: NDArray[np.int32] = UNKNOWN
 
     def __post_init__(self) -> None:
-        """Fill in what is not given, check shapes, and bring every array to its type on disk."""
+        """Fill in what is not given, check shapes, and convert every array to its type on disk."""
         n = len(self.q)
         for name, value in (
             ("gait", np.zeros(n, np.int8)),
@@ -166,7 +165,7 @@ def uninitialized_arrays(n: int) -> dict[str, NDArray]:
 
 
 def concatenate(parts: Sequence[Frames]) -> Frames:
-    """Frames one after another; an empty list gives no frames."""
+    """Concatenate frames; an empty list gives no frames."""
     parts = [Frames(**uninitialized_arrays(0)), *parts]
     return Frames(*(np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS))
 
@@ -179,10 +178,10 @@ def sorted_by_episode(frames: Frames) -> Frames:
 
 
 def episode_digests(frames: Frames) -> dict[str, str]:
-    """Episode id -> SHA-256 of that episode's kept frames; frames sorted by episode.
+    """Episode id -> SHA-256 of that episode's kept frames; the frames must be sorted by episode.
 
-    It is the hash of `FRAME_FIELDS`, as it was before there were others, and of the gait where that
-    is not the first.
+    The hash covers `FRAME_FIELDS`, as in versions without other fields, and also the gait if any
+    frame of the episode is not in the first one.
     """
     frames = frames.kept_frames
     ids, starts, counts = np.unique(frames.episode, return_index=True, return_counts=True)
@@ -198,7 +197,7 @@ def episode_digests(frames: Frames) -> dict[str, str]:
 
 
 def digest_of_all(frames: Frames) -> str:
-    """SHA-256 of all arrays of all ticks, in their order."""
+    """SHA-256 of all arrays of all ticks, in the order given."""
     sha = hashlib.sha256()
     for name in FIELDS:
         _add(sha, name, getattr(frames, name))

@@ -1,4 +1,4 @@
-"""The limits of a robot's joints, and the safety bounds of a policy, as a policy's files hold them.
+"""The limits of a robot's joints, and the safety bounds of a policy, as in a policy's files.
 
 Read ``policy_header.py`` for policy files, and `deploy.description` for exported ones.
 """
@@ -14,7 +14,7 @@ from surefoot.types import JOINTS, Array
 Pair = tuple[float, float]
 """The smallest and the largest value."""
 MaybePair = tuple[float | None, float | None]
-"""The same, where either may be unknown."""
+"""The smallest and the largest value; either may be unknown."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class JointLimits:
         position: ``(12, 2)`` smallest and largest angles [rad].
 
     Raises:
-        ValueError: There are not twelve of one of them.
+        ValueError: One of them does not have twelve values.
     """
 
     torque: tuple[float | None, ...]
@@ -42,7 +42,7 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class SafetyBounds:
-    """The bounds within which a policy was taught; beyond them the expert took over.
+    """The safety bounds that a policy was trained with; beyond them the expert took over.
 
     Attributes:
         com_height: Height of the center of mass above the ground [m].
@@ -51,7 +51,7 @@ class SafetyBounds:
         joints: ``(12, 2)`` joint angles [rad], in the order of ``JOINTS``.
 
     Raises:
-        ValueError: There are not twelve joints, or a pair does not rise.
+        ValueError: There are not twelve joints, or a lower bound exceeds its upper bound.
     """
 
     com_height: Pair
@@ -78,7 +78,7 @@ def _check_twelve(name: str, values: tuple[Any, ...]) -> None:
     """Check that there is a value for each joint.
 
     Raises:
-        ValueError: There is not.
+        ValueError: There are fewer or more.
     """
     if len(values) != len(JOINTS):
         raise ValueError(f"{name} has {len(values)} values; use one for each of the 12 joints")

@@ -1,11 +1,11 @@
-"""Layouts of the observation, as data: which named parts a network sees now, which it remembers.
+"""Layouts of the observation, as data: the named parts that a network sees now and remembers.
 
-`PARTS` are all numbers that a layout can choose from, `LAYOUTS` the named layouts. A history holds
-samples that lie a whole stride apart, and the joint targets that were applied at those very ticks:
-they tell how far the expert has come in its plan, which no state does. Targets less than 20 ms ago
-are refused. The target of 1 ms ago predicts the next one so well that the network copies it: its
-error on held-out frames is the lowest of all, and the robot falls. Read `observation` next, which
-computes the parts.
+`PARTS` has all parts that a layout can choose from, `LAYOUTS` the named layouts. A history has
+samples that are one stride apart, and the joint targets that were applied at the same ticks: they
+show how far the expert has come in its plan, which no state does. A stride of less than 20 ms is
+refused for targets. The target of 1 ms ago predicts the next one so well that the network copies
+it: its error on held-out frames is then the lowest of all, but the robot falls. Read `observation`
+next, which computes the parts.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from surefoot.errors import shown, unknown
 from surefoot.types import IntArray
 
 SHORTEST_STRIDE = 20
-"""[ms] Joint targets of a history are at least so far apart: at 20 ms they helped, at 1 ms the
-network copied them."""
+"""[ms] The shortest stride of joint targets in a history: at 20 ms they helped, at 1 ms the network
+copied them."""
 LONGEST_HISTORY = 200
-"""[ms] The oldest sample of a history is at most so old: recordings hold the ticks of so long a
-time before each frame that is kept. All ticks would be several times the data."""
+"""[ms] The largest age of a sample in a history: recordings have the ticks of this time before each
+kept frame. All ticks would be several times the data."""
 TARGET_SIZE = 12
 """The joint targets of a sample: one for each joint."""
 
@@ -34,7 +34,7 @@ class Part(NamedTuple):
     """A named part of the observation.
 
     Attributes:
-        size: The number of its numbers.
+        size: The number of its values.
         unit: Their unit.
         frame: The frame that they are expressed in, or what they are measured from.
     """
@@ -60,7 +60,7 @@ GOAL_PARTS: Mapping[str, Part] = {
     "command": Part(3, "m/s, m/s, rad/s", "heading"),
 }
 """Gait phase, as sine and cosine, or as a fraction of the period and a zero; vx, vy, yaw rate. A
-policy of several gaits also sees which one is meant, as a one-hot of them named `gait`."""
+policy of several gaits also sees which gait to walk, as a one-hot part named `gait`."""
 STORED_FORMER = {"linear_velocity": "base_velocity"}
 """Files of format 2 have both velocities of the base as one part of six numbers."""
 
@@ -76,7 +76,7 @@ class History:
         targets: Whether a sample ends with the joint targets that were applied at its tick [rad].
 
     Raises:
-        ValueError: A number is out of range, a part is unknown or there twice, or the targets are
+        ValueError: A number is out of range, a part is unknown or given twice, or the targets are
             less than `SHORTEST_STRIDE` apart.
     """
 
@@ -103,36 +103,36 @@ class History:
 
     @property
     def reach(self) -> int:
-        """How old the oldest sample is [ms]."""
+        """Age of the oldest sample [ms]."""
         return self.samples * self.stride
 
     @property
     def ages(self) -> IntArray:
-        """``(samples,)`` how old each sample is [ms], the oldest first."""
+        """``(samples,)`` age of each sample [ms], the oldest first."""
         return self.stride * np.arange(self.samples, 0, -1)
 
     @property
     def sample_size(self) -> int:
-        """Numbers in a sample."""
+        """Number of values in a sample."""
         return sum(PARTS[name].size for name in self.parts) + TARGET_SIZE * self.targets
 
     @property
     def size(self) -> int:
-        """Numbers in all samples together."""
+        """Number of values in all samples together."""
         return self.samples * self.sample_size
 
 
 @dataclass(frozen=True)
 class Layout:
-    """What a network sees of the robot, besides the goal.
+    """What a network sees of the robot, in addition to the goal.
 
     Attributes:
         name: A name for messages and files.
-        parts: Names of the parts of the present observation, from `PARTS`, in their order.
-        history: What it remembers; None for nothing.
+        parts: Names of the parts of the present observation, from `PARTS`, in order.
+        history: What the network remembers; None for nothing.
 
     Raises:
-        ValueError: A part is unknown or there twice, or there is none.
+        ValueError: A part is unknown or given twice, or there is none.
     """
 
     name: str
@@ -147,10 +147,10 @@ class Layout:
 
 
 def _check_parts(parts: tuple[str, ...], owner: str) -> None:
-    """Check that all parts are known, and that none is there twice.
+    """Check that all parts are known, and that none is given twice.
 
     Raises:
-        ValueError: One is not; the message names the nearest.
+        ValueError: A part is unknown (the message suggests the nearest), or given twice.
     """
     for name in parts:
         if name not in PARTS:

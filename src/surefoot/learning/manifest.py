@@ -1,7 +1,7 @@
-"""The manifest of a dataset: which shards it has, and the hashes of what they hold.
+"""The manifest of a dataset: its shards, and the hashes of their contents.
 
-The frames, which are the ticks that a method keeps to train on, have a hash by episode, so that it
-is the same however they are sharded; all ticks of a shard have one of their own. Read next:
+The frames, which are the ticks that a method keeps to train on, are hashed by episode, so that the
+hash does not depend on the shards. All ticks of a shard have a separate hash. Read next:
 ``dataset.py``.
 """
 
@@ -17,22 +17,22 @@ from surefoot.learning.frames import combine_digests
 from surefoot.learning.shard import FORMAT
 
 MANIFEST_FILE = "manifest.json"
-"""File in a dataset's folder that names its shards."""
+"""File in a dataset's folder that lists its shards."""
 
 
 class DatasetError(ValueError):
-    """A dataset's files are damaged, or a request contradicts what it holds."""
+    """A dataset's files are damaged, or a request contradicts its contents."""
 
 
 @dataclass(frozen=True)
 class ShardEntry:
-    """What the manifest says about a shard.
+    """The manifest's entry of a shard.
 
     Attributes:
         frames: Number of kept frames.
-        sha256: Hash of all of them.
+        sha256: Hash of all kept frames.
         episodes: Hash of each episode's kept frames, by the episode's id as text.
-        ticks: Number of all ticks; None in format 1, whose files hold the kept frames alone.
+        ticks: Number of all ticks; None in format 1, whose files only have the kept frames.
         ticks_sha256: Hash of all arrays of all ticks; None in format 1.
     """
 
@@ -55,7 +55,7 @@ class ShardEntry:
 
 @dataclass(frozen=True)
 class Manifest:
-    """What a dataset holds, as its ``manifest.json``.
+    """The contents of a dataset, as in its ``manifest.json``.
 
     Attributes:
         format: Version of the shards and of the manifest.
@@ -67,11 +67,11 @@ class Manifest:
 
 
 def check_entries(shards: Mapping[str, ShardEntry]) -> None:
-    """Check that entries name files of the folder and contradict neither themselves nor others.
+    """Check that entries have valid names, are consistent, and share no episode.
 
     Raises:
-        ValueError: An entry has a name that is no file's, other numbers than its episodes allow, or
-            an episode that is no number or is in another entry too.
+        ValueError: An entry's name is invalid, its numbers or hashes do not agree, or an episode is
+            not a number or is also in another entry.
     """
     shard_of = {}
     for name, entry in shards.items():
@@ -96,10 +96,10 @@ def check_entries(shards: Mapping[str, ShardEntry]) -> None:
 
 
 def check_name(name: str) -> None:
-    """Check that a shard's name leads to no other folder than the dataset's.
+    """Check that a shard's name cannot lead out of the dataset's folder.
 
     Raises:
-        DatasetError: It could.
+        DatasetError: The name has other characters than allowed.
     """
     if not re.fullmatch(r"\w[\w.-]*", name, re.ASCII):
         raise DatasetError(
@@ -109,10 +109,10 @@ def check_name(name: str) -> None:
 
 
 def check_new_name(name: str) -> None:
-    """Check that a new shard may have a name.
+    """Check that a name is allowed for a new shard.
 
     Raises:
-        DatasetError: It would lead to another folder, or is that of the manifest.
+        DatasetError: The name has other characters than allowed, or is that of the manifest.
     """
     check_name(name)
     if name == Path(MANIFEST_FILE).stem:

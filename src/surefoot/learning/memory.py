@@ -1,9 +1,9 @@
 """The memory of a policy: samples of the last ticks, online in a ring and offline from recordings.
 
-Both ways give the same bits. At the start of an episode the first sample stands for all that came
-before it, with the joint angles in place of joint targets, of which there are none yet; the target
-of that tick would be the answer itself. The memory goes on whoever drives: the target of a tick is
-that with which the policy's PD gives the torque that was commanded. Read ``policy.py`` next.
+Both ways give the same bits. At the start of an episode the first sample stands for the whole past,
+with joint angles in place of joint targets, because there are none yet: the target of that tick is
+what the policy is about to compute. The memory is updated whoever drives: the target of a tick is
+the one for which the policy's PD gives the commanded torque. Read ``policy.py`` next.
 """
 
 from __future__ import annotations
@@ -56,24 +56,24 @@ class Memory:
 
     @property
     def begins(self) -> bool:
-        """Whether no tick has been stored yet."""
+        """Whether the episode begins: no tick has been stored yet."""
         return self._count == 0
 
     def rows(self) -> IntArray:
-        """``(samples,)`` rows of the ring in which the samples lie now, the oldest first."""
+        """``(samples,)`` rows of the ring that have the samples now, the oldest first."""
         return (self._count - self.history.ages) % len(self.ring)
 
     def next_row(self) -> int:
-        """The row of the ring that takes the sample of this tick; it counts as stored from now."""
+        """The row of the ring for the sample of this tick, which counts as stored from now on."""
         row = self._count % len(self.ring)
         self._count += 1
         return row
 
     def repeat(self, ticks: int) -> None:
-        """Let the last tick stand for the next ones, which nobody saw; nothing if there is none.
+        """Repeat the last sample for ticks that were missed; without a sample, do nothing.
 
         Args:
-            ticks: How many there are.
+            ticks: Number of missed ticks.
         """
         if self.begins or ticks == 0:
             return
@@ -85,7 +85,7 @@ class Memory:
         """``(B, size)`` the samples of the past.
 
         Args:
-            state: The states of this tick, which are the past too where an episode begins.
+            state: The states of this tick, which stand for the past if the episode begins.
         """
         if self.begins:
             self._fill(state)
@@ -103,16 +103,16 @@ class Memory:
         self.ring[self.next_row()] = samples_of(state, target, self.history)
 
     def _fill(self, state: State) -> None:
-        """Let the first states stand for all before them."""
+        """Fill the ring with the first states, which stand for all ticks before them."""
         self.ring[:] = samples_of(state, state.q[..., 7:], self.history)
 
 
 class RecordedPast:
-    """What `Memory.read` would have given at recorded ticks.
+    """The samples that `Memory.read` would have returned at recorded ticks.
 
     Args:
-        frames: Ticks in the order of time within each episode, with those before a tick that is
-            asked for.
+        frames: Ticks in the order of time within each episode, including the past of every tick
+            that `at` is called for.
         target: ``(n, 12)`` the joint targets that were applied [rad].
         history: What is remembered.
     """
@@ -130,7 +130,7 @@ class RecordedPast:
             rows: ``(k,)`` rows of the ticks.
 
         Raises:
-            ValueError: A tick is missing, or the torque that was applied there is not known.
+            ValueError: A tick of the past is missing, or the torque applied in it is unknown.
         """
         size = self._history.sample_size
         out = np.empty((len(rows), self._history.size), np.float32)
@@ -146,13 +146,13 @@ class RecordedPast:
         return out
 
     def _check_applied(self, rows: IntArray) -> None:
-        """Check that it is known which torques were applied at some ticks.
+        """Check that the torques applied at some ticks are known.
 
         Args:
             rows: ``(k,)`` rows of the ticks.
 
         Raises:
-            ValueError: At one of them it is not known.
+            ValueError: The torque of a tick is unknown.
         """
         unknown = self._is_unknown[rows]
         if unknown.any():
@@ -168,11 +168,11 @@ class RecordedPast:
         """``(k,)`` rows of earlier ticks of the same episodes.
 
         Args:
-            elapsed: ``(k,)`` the ticks that are asked for, since the episodes began.
+            elapsed: ``(k,)`` the wanted ticks, counted from the beginning of the episodes.
             rows: ``(k,)`` rows of later ticks of these episodes.
 
         Raises:
-            ValueError: One of them is missing.
+            ValueError: A wanted tick is missing.
         """
         frames = self._frames
         source = np.clip(rows - (frames.elapsed[rows] - elapsed), 0, len(frames) - 1)

@@ -1,8 +1,8 @@
 """The network: normalized inputs, hidden layers with BatchNorm and ReLU, linear outputs.
 
-It serves policies and classifiers alike. `folded` turns a trained network into plain weights
-and biases, which is what runs at 1 kHz; `network_from_tensors` makes one of what a file holds.
-Read next: ``train.py``, which trains it.
+It serves both policies and classifiers. `folded` turns a trained network into plain weights and
+biases, which run at 1 kHz; `network_from_tensors` makes a network from the tensors of a file. Read
+next: ``train.py``, which trains it.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ from surefoot.learning.tensor_file import TensorKind, check_tensors
 from surefoot.types import JOINTS
 
 MINIMUM_ROWS = 8
-"""Smaller batches are padded to this many rows: in every BLAS tried, products of fewer rows take
-another path, with other last bits. From here on a row's result did not depend on its batch."""
+"""Smaller batches are padded to this many rows: in every BLAS tried, products of fewer rows are
+computed differently, with other last bits. From here on a row's result did not depend on its batch.
+"""
 LEAST_SCALE = 1e-7
-"""No input has a smaller scale: `set_normalizers` takes 1 for a deviation of 1e-6 or less."""
+"""No input has a smaller scale: `set_normalizers` sets it to 1 if the deviation is at most 1e-6."""
 
 
 class PolicyNetwork(nn.Module):
@@ -76,8 +77,8 @@ class PolicyNetwork(nn.Module):
 
     @property
     def deviation(self) -> Tensor:
-        """``(inputs,)`` standard deviations that the normalizers divide by; 0 of a constant."""
-        # Only a constant has the scale 1, but for a deviation that happens to be exactly 1.
+        """``(inputs,)`` standard deviations that the normalizers divide by; 0 for a constant."""
+        # Only a constant has scale 1, unless a deviation happens to be exactly 1.
         return torch.where(self.scale == 1.0, 0.0, self.scale)
 
     def forward(self, inputs: Tensor) -> Tensor:
@@ -85,8 +86,8 @@ class PolicyNetwork(nn.Module):
         x = (inputs - self.mean) / self.scale
         for linear, norm in zip(self.linear, self.norm, strict=False):
             x = torch.relu(norm(linear(x)))
-        # Never in a shorter type, as the layers above may be in training: bfloat16 would round a
-        # target of 1 rad to 4 mrad.
+        # Always in float32, even if the layers above train in bfloat16, which would round a target
+        # of 1 rad to 4 mrad.
         with torch.autocast(x.device.type, enabled=False):
             return self.linear[-1](x.float())
 
@@ -94,17 +95,17 @@ class PolicyNetwork(nn.Module):
     def folded(self) -> list[tuple[Tensor, Tensor]]:
         """Weights ``(inputs, outputs)`` and biases with normalizers and BatchNorm folded in.
 
-        With ReLU between the layers they are the same function as the network in ``eval()`` mode,
+        With ReLU between them, the layers are the same function as the network in ``eval()`` mode,
         up to float32 rounding.
         """
         layers = []
-        # What stands before a layer, x -> (x - shift) / scale, moves into its weight and bias;
-        # what stands after it, BatchNorm, too. All in float64, rounded once.
+        # Fold the normalizer before the first layer, x -> (x - shift) / scale, and the BatchNorm
+        # after each layer into weights and biases, in float64, rounded once.
         shift = self.mean.double()
         scale = self.scale.double()
         for index, module in enumerate(self.linear):
             linear: Any = module
-            # Changed in place, because that is most of the memory that loading a policy takes.
+            # Changed in place, because this copy is most of the memory that loading a policy takes.
             weight = linear.weight.to(torch.float64, copy=True)
             bias = linear.bias.double()
             if index == 0:
@@ -120,7 +121,7 @@ class PolicyNetwork(nn.Module):
 
 
 def tensor_kinds(hidden: Sequence[int], inputs: int) -> Iterator[TensorKind]:
-    """What the state of a policy's network consists of, without making one.
+    """The tensors in the state of a policy's network, without making one.
 
     Args:
         hidden: Units of the hidden layers.
@@ -151,10 +152,9 @@ def network_from_tensors(
         inputs: Number of inputs.
 
     Raises:
-        ValueError: The tensors are not those of such a network, or the network would answer with
-            numbers that are not finite.
+        ValueError: The tensors are not those of such a network, or its answers would not be finite.
     """
-    # The network takes the memory that its configuration asks for, hence only once that is checked.
+    # Checked first, because a network takes as much memory as its configuration asks for.
     check_tensors(tensors, tensor_kinds(config.hidden, inputs))
     network = PolicyNetwork(config, inputs=inputs)
     network.load_state_dict(dict(tensors))

@@ -1,10 +1,10 @@
 """What the policy sees: numbers about the robot's state, its past and its goal, as named parts.
 
-Nothing in them tells where the robot is or which way is north: turning or shifting the whole robot
-leaves every number unchanged. Positions and headings enter only relative to the robot itself. The
-network's input is the observation, with the history at its end, followed by the goal. In the layout
-`full` of one gait that is 42 numbers about the state and 5 about the goal, which gates and traces
-see too, whatever the policy sees. Read next: ``memory.py`` for the history, then ``policy.py``.
+They do not depend on where the robot is or which way is north: shifting the robot horizontally or
+turning it about the vertical leaves every number unchanged. The network's input is the observation,
+with the history at its end, followed by the goal. In the layout `full` with one gait these are 42
+numbers about the state and 5 about the goal; gates and traces always see these 47, whatever the
+policy sees. Read next: ``memory.py`` for the history, then ``policy.py``.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from surefoot.rotations import to_heading
 from surefoot.types import TICKS_PER_SECOND, Array, IntArray, State, ground_height, to_ticks
 
 Float32Array = NDArray[np.float32]
-"""Arrays of the type that networks take and give."""
+"""The type of a network's inputs and outputs."""
 
 
 LONGEST_PERIOD = 10_000
-"""[ms] The longest gait period, which is that of `Gait.period`."""
+"""[ms] The longest gait period, the same as the limit of `Gait.period`."""
 
 
 @dataclass(frozen=True)
 class GaitTiming:
-    """A gait, as a policy file names it.
+    """A gait, as in a policy file.
 
     Attributes:
-        name: Its name, as of `gait_names`.
+        name: Its name, as in `gait_names`.
         period_ticks: The period [ms].
         duty: Share of the period in which a foot stands.
         offsets: ``(4,)`` phase offsets of FL, FR, HL, HR in periods.
@@ -54,7 +54,7 @@ class GaitTiming:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        # A table has a row for each tick of it: `ObservationSpec.phases`.
+        # `ObservationSpec.phases` is a table with a row for each tick of the period.
         if not 1 <= self.period_ticks <= LONGEST_PERIOD:
             raise ValueError(f"period_ticks is {self.period_ticks}; use 1 to {LONGEST_PERIOD} ms")
         if not all(0.0 <= share <= 1.0 for share in (self.duty, *self.offsets)):
@@ -64,7 +64,7 @@ class GaitTiming:
 
     @property
     def gait(self) -> Gait:
-        """The gait of this timing: a named one, which may have heights too, or one without."""
+        """The gait with this timing: a named gait, which may also set heights, or a plain one."""
         gait = Gait(self.period_ticks / TICKS_PER_SECOND, self.duty, self.offsets)
         return GAITS.get(gait_name(gait), gait)
 
@@ -75,14 +75,15 @@ class ObservationSpec:
 
     Attributes:
         phase: How the network sees the gait clock, as `PolicyConfig.phase`.
-        gaits: The gaits, each with its own period; with several, the goal says which one is meant.
+        gaits: The gaits, each with its own period; if there are several, the goal tells which one
+            to walk.
         layout: What the network sees of the robot, now and in the past.
         height: How the height of the base is measured, as `PolicyConfig.height`.
         foot_radius: Radius of the foot spheres [m], for a height above the feet.
 
     Raises:
         ValueError: The phase or the height rule is unknown, there is no gait or there are too many,
-            or the radius is not a length.
+            or the radius is out of range.
     """
 
     phase: Phase
@@ -104,7 +105,7 @@ class ObservationSpec:
 
     @cached_property
     def observation_sizes(self) -> dict[str, int]:
-        """Names and sizes of the parts of the observation, in their order."""
+        """Names and sizes of the parts of the observation, in order."""
         sizes = {name: PARTS[name].size for name in self.layout.parts}
         if self.layout.history is not None:
             sizes["history"] = self.layout.history.size
@@ -112,7 +113,7 @@ class ObservationSpec:
 
     @cached_property
     def goal_sizes(self) -> dict[str, int]:
-        """Names and sizes of the parts of the goal, in their order."""
+        """Names and sizes of the parts of the goal, in order."""
         sizes = {name: part.size for name, part in GOAL_PARTS.items()}
         if len(self.gaits) > 1:
             sizes["gait"] = len(self.gaits)
@@ -120,17 +121,17 @@ class ObservationSpec:
 
     @cached_property
     def observation_size(self) -> int:
-        """Numbers of the observation, the history included."""
+        """Number of values in the observation, including the history."""
         return sum(self.observation_sizes.values())
 
     @cached_property
     def goal_size(self) -> int:
-        """Numbers of the goal."""
+        """Number of values in the goal."""
         return sum(self.goal_sizes.values())
 
     @property
     def input_size(self) -> int:
-        """Numbers of the network's input."""
+        """Number of values in the network's input."""
         return self.observation_size + self.goal_size
 
     @cached_property
@@ -166,11 +167,11 @@ def gait_timings(gaits: Sequence[Gait]) -> tuple[GaitTiming, ...]:
 
 
 def observation_spec(config: Config) -> ObservationSpec:
-    """What a configuration says about the input of its policies.
+    """The observation spec of a configuration.
 
     Raises:
-        ValueError: The height is to be that above the feet, and the robot's own description, which
-            has their radius, is not in the configuration.
+        ValueError: The height is measured above the feet, but the configuration lacks the robot's
+            spec, which has the radius of the feet.
     """
     policy = config.policy
     radius = 0.0
@@ -192,7 +193,7 @@ def state_spec(config: Config) -> ObservationSpec:
     They watch a robot in training, whose true state is known; a policy may see less.
 
     Raises:
-        ValueError: The configuration has several gaits: they see one alone.
+        ValueError: The configuration has several gaits; gates and traces support only one.
     """
     if config.other_gaits:
         raise ValueError(
@@ -221,14 +222,14 @@ GOAL = slices(_GOAL)
 """Where each part lies in the goal of one gait."""
 GOAL_SIZE = sum(_GOAL.values())
 INPUT_SIZE = OBSERVATION_SIZE + GOAL_SIZE
-"""Numbers that gates and traces see, and a policy of the layout `full` and one gait."""
+"""Number of inputs of gates and traces, and of a policy with the layout `full` and one gait."""
 
 
 def columns_of(parts: Iterable[str]) -> IntArray:
-    """``(n,)`` where the numbers of some parts lie in the observation of the layout `full`.
+    """``(n,)`` columns of some parts in the observation of the layout `full`.
 
     Args:
-        parts: Names of the parts, from `PARTS`, in the order in which they are to be taken.
+        parts: Names of the parts, from `PARTS`, in the order of the columns.
     """
     every = np.arange(OBSERVATION_SIZE)
     return np.concatenate([every[:0], *(every[OBSERVATION[name]] for name in parts)])
@@ -245,7 +246,7 @@ def observe(
     Args:
         state: States with any leading axes.
         parts: Names of the parts, from `PARTS`; by default all of them.
-        ground: ``(...)`` height above which that of the base is measured [m].
+        ground: ``(...)`` ground height, from which the height of the base is measured [m].
         out: ``(..., n)`` array to write into.
 
     Returns:
@@ -286,14 +287,14 @@ def goal(
     out: Float32Array | None = None,
     gait: IntArray | int = 0,
 ) -> Float32Array:
-    """The goal: how far the gait cycle is, where to go, and of several gaits which one.
+    """The goal: the phase of the gait cycle, the command, and with several gaits, which to walk.
 
     Args:
         tick: ``(...)`` gait clock [ms].
         command: ``(..., 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
         spec: The gaits, and how the phase is given.
         out: ``(..., goal_size)`` array to write into.
-        gait: ``(...)`` which of the gaits each robot is to walk, as its place in `spec.gaits`.
+        gait: ``(...)`` index in `spec.gaits` of the gait that each robot is to walk.
 
     Returns:
         ``(..., goal_size)`` float32, laid out as ``GOAL``; exactly periodic in ``tick``.
@@ -327,13 +328,13 @@ def network_input(
         spec: Layout, gaits, and how phase and height are given.
         out: ``(..., input_size)`` array to write into.
         history: ``(..., history.size)`` samples of the past, from ``memory.py``.
-        gait: ``(...)`` which of the gaits each robot is to walk, as its place in `spec.gaits`.
+        gait: ``(...)`` index in `spec.gaits` of the gait that each robot is to walk.
 
     Returns:
         ``(..., input_size)`` float32: the layout's parts, its history, then the goal.
 
     Raises:
-        ValueError: The layout has a history and none is given, or the other way round.
+        ValueError: The layout has a history and none is given, or the other way around.
     """
     if (history is None) != (spec.layout.history is None):
         raise ValueError(

@@ -1,6 +1,7 @@
-"""The network as an ONNX graph, and what runs it: a third of PyTorch's time for a few rows.
+"""The network as an ONNX graph, and a function to run it, in a third of PyTorch's time.
 
-The graph is plain ``Gemm`` and ``Relu`` on float32 weights, so that any ONNX runtime computes it.
+The graph has only ``Gemm`` and ``Relu`` on float32 weights, so that any ONNX runtime can run it.
+The time is that for a few rows.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ IR_VERSION = 8
 """Version of the file format, old enough for every runtime in use."""
 
 ROWS = "n"
-"""What a graph calls its number of rows."""
+"""The name of a graph's number of rows."""
 LARGEST_BOUND = 256
-"""[rows] Up to here the runtime reads and writes arrays that are kept for it: each of its calls
-then takes 20 us less beside a simulation."""
+"""[rows] Up to this size the runtime reads and writes preallocated arrays, which saves 20 us in
+each call next to a running simulation."""
 
 
 def onnx_graph(layers: Sequence[tuple[Float32Array, Float32Array]]) -> bytes:
@@ -56,17 +57,17 @@ def onnx_graph(layers: Sequence[tuple[Float32Array, Float32Array]]) -> bytes:
 
 
 def runner(model: bytes, rows: int | None = None) -> Callable[[Float32Array], Float32Array]:
-    """A function that computes a model on one core of this process: one thread, so the same bits.
+    """A function that runs a model in this process, on a single thread for the same bits.
 
     Args:
         model: A serialized model with one input and one output.
-        rows: How many rows it will always be given; the runtime then plans its memory before. None
-            takes any number.
+        rows: Number of rows in every call, if fixed; the runtime then plans its memory in advance.
+            None allows any number.
 
     Returns:
         The function, ``(n, inputs)`` to ``(n, outputs)``.
     """
-    # It would report its use to its maker, and warn where it cannot keep the id that it reports.
+    # The runtime would send usage data to its maker, and warn if it cannot store its id.
     os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
     import onnxruntime
 

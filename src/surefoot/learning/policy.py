@@ -2,10 +2,10 @@
 
 Observation and goal (``observation.py``) are normalized inside the network; 3 x 512 units with
 BatchNorm and ReLU give twelve joint targets a, and the joints get tau = kp (a - q) - kd qdot at
-1 kHz. Training inverts that law: `target_of` turns an expert's torque into what the network learns.
-A policy whose layout has a history remembers the last ticks, and has to be told of every one
-(`Policy.observe`), whoever drove. A policy file holds all that running it needs, and all that it
-was trained for (``policy_header.py``). Read next: ``train.py``.
+1 kHz. Training inverts that law: `target_of` turns an expert's torque into the target to learn. A
+policy whose layout has a history remembers the last ticks, so `Policy.observe` has to be called in
+every tick, whoever drove. A policy file has everything that is needed to run the policy, and
+records what it was trained for (``policy_header.py``). Read next: ``train.py``.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray,
 SUFFIX = ".safetensors"
 """How the names of policy files end."""
 ROWS_AT_ONCE = 8192
-"""Rows that a policy answers at a time: its hidden layers take 4 kB each, 4 GB for a million."""
+"""Rows that a policy evaluates at a time: in each hidden layer a million rows would take 4 GB."""
 
 
 @dataclass(frozen=True)
 class PolicySpec:
-    """What training, engine and policy file share besides the weights.
+    """What training, engine and policy file share in addition to the weights.
 
     Attributes:
         observation: How states, ticks and commands become the network's input.
@@ -85,11 +85,11 @@ class PolicySpec:
 
 
 def policy_spec(config: Config) -> PolicySpec:
-    """What a configuration says about its policies.
+    """The policy spec of a configuration.
 
     Raises:
-        ValueError: A gain is None, and the robot has none of its own that does not follow from its
-            model; `with_own_values` puts it in.
+        ValueError: A gain is None, and the robot has no tuned gain to use instead; call
+            `with_own_values` first, which derives it from the robot's model.
     """
     own = tuning_of(config.robot)
     kp = own.policy_kp if config.policy.kp is None else config.policy.kp
@@ -98,7 +98,7 @@ def policy_spec(config: Config) -> PolicySpec:
 
 
 def pd(target: Array | Float32Array, q: Array, v: Array, spec: PolicySpec) -> Array:
-    """Joint torques ``(..., 12)`` [N m] that draw the joints to their targets, damped to rest.
+    """Joint torques ``(..., 12)`` [N m] that pull the joints to their targets, with damping.
 
     Args:
         target: ``(..., 12)`` joint targets a [rad].
@@ -124,8 +124,8 @@ def target_of(torque: Array, q: Array, v: Array, spec: PolicySpec) -> Array:
 class Policy:
     """A trained network as a ``Controller`` of B robots at 1 kHz.
 
-    A robot's torque does not depend on the other robots in the batch, nor on their number. It has
-    no memory, unless the layout has a history: then `observe` has to follow every tick.
+    A robot's torque does not depend on the other robots in the batch, nor on their number. The
+    policy has no memory unless the layout has a history: then call `observe` after every tick.
 
     Args:
         network: The network; a copy is kept, so training it further does not change the policy.
@@ -134,10 +134,10 @@ class Policy:
         robot: Name of the robot.
         provenance: Anything that JSON can hold about the origin of the policy.
         limits: Limits of the robot's joints; None if unknown.
-        bounds: The safety bounds that it was trained under; None if unknown.
+        bounds: The safety bounds that it was trained with; None if unknown.
 
     Raises:
-        ValueError: The network has another number of inputs than the layout.
+        ValueError: The network does not have as many inputs as the layout.
     """
 
     def __init__(
@@ -170,7 +170,7 @@ class Policy:
 
     @property
     def gait(self) -> IntArray | int:
-        """``(B,)`` which of the spec's gaits each robot is to walk; all the first after a reset."""
+        """``(B,)`` number of the spec's gait that each robot is to walk; 0 after a reset."""
         return self._gait
 
     @gait.setter
@@ -178,7 +178,7 @@ class Policy:
         """Command the gaits.
 
         Raises:
-            ValueError: The policy has no gait of a number.
+            ValueError: The policy has no gait of that number.
         """
         gaits = self.spec.observation.gaits
         wrong = np.extract((np.asarray(gait) < 0) | (np.asarray(gait) >= len(gaits)), gait)
@@ -190,7 +190,7 @@ class Policy:
         self._gait = gait
 
     def __getstate__(self) -> dict[str, object]:
-        """What other processes get: all but the session, which they make themselves."""
+        """What is sent to other processes: all but the ONNX session, which they make themselves."""
         return {name: value for name, value in vars(self).items() if name != "forward"}
 
     @cached_property
@@ -200,7 +200,7 @@ class Policy:
         return runner(onnx_graph(layers))
 
     def answers(self, inputs: Float32Array) -> Float32Array:
-        """What the network alone answers to any number of inputs, in bounded memory.
+        """The outputs of the network alone for any number of inputs, in bounded memory.
 
         Args:
             inputs: ``(n, inputs)`` observations and goals.
@@ -215,7 +215,7 @@ class Policy:
         return np.concatenate([self.forward(part) for part in parts])[:rows]
 
     def reset(self, batch: int) -> None:
-        """Forget everything, and be ready for ``batch`` robots."""
+        """Forget everything, and get ready for ``batch`` robots."""
         history = self.spec.observation.layout.history
         self._batch = batch
         self._memory = None if history is None else Memory(history, batch)
@@ -230,7 +230,7 @@ class Policy:
         batch = len(state.q)
         spec = self.spec.observation
         inputs = np.zeros((max(batch, MINIMUM_ROWS), spec.input_size), np.float32)
-        with np.errstate(over="ignore", invalid="ignore"):  # for a robot that has blown up
+        with np.errstate(over="ignore", invalid="ignore"):  # the simulation may have blown up
             history = self._remembered(state)
             network_input(state, tick, command, spec, inputs[:batch], history, self.gait)
         return self.forward(inputs)[:batch]
@@ -253,13 +253,13 @@ class Policy:
         return pd(self.target(state, tick, command), state.q, state.v, self.spec)
 
     def observe(self, state: State, tick: IntArray, torque: Array) -> None:
-        """Remember a tick, if the layout has a history; to be called once at the end of every tick.
+        """Remember a tick, if the layout has a history; call this once at the end of every tick.
 
         Args:
             state: The states of B robots, as they measured them.
             tick: ``(B,)`` gait clock [ms].
             torque: ``(B, 12)`` the torques that were commanded, by whoever drove, clipped [N m];
-                NaN where there was none yet: the joint angles take the place of the targets.
+                where they are NaN, none yet, the joint angles replace the targets.
         """
         if self._memory is not None:
             with np.errstate(over="ignore", invalid="ignore"):
@@ -313,12 +313,12 @@ def save(policy: Policy, path: Path | str) -> None:
 
 
 def load(path: Path | str, robot: str | None = None, layout: str | None = None) -> Policy:
-    """Read a policy file, of this format or of format 2; nothing in it is ever run.
+    """Read a policy file of this format or of format 2; nothing in it is ever executed.
 
     Args:
         path: The file.
-        robot: Name of the robot that the policy has to be made for; None takes that of any.
-        layout: Name of the layout that it has to have; None takes any.
+        robot: Name of the robot that the policy must be made for; None accepts any robot.
+        layout: Name of the layout that it must have; None accepts any layout.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -363,7 +363,7 @@ def load(path: Path | str, robot: str | None = None, layout: str | None = None) 
 
 
 def _policy(tensors: Mapping[str, Tensor], header: PolicyHeader) -> Policy:
-    """The policy that a file holds.
+    """The policy in a file.
 
     Raises:
         ValueError: The header is out of range, or does not fit the tensors.

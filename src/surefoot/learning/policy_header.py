@@ -1,9 +1,9 @@
-"""The header of a policy file: what it says besides the weights, and what it must agree on.
+"""The header of a policy file: everything except the weights, and what a program must agree with.
 
-Format 3 names everything that running a policy needs, and everything it was trained for: robot,
+Format 3 has everything that is needed to run a policy, and records what it was trained for: robot,
 joint order and limits, gaits, commands, safety bounds, layout, gains and rate. `read_header` also
-takes format 2, whose policies saw the layout `full` and walked one gait. Read ``policy.py`` next,
-which saves and loads.
+reads format 2, whose policies had the layout `full` and one gait. Read ``policy.py`` next, which
+saves and loads policies.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ OLDEST_FORMAT = 2
 """The oldest version that is read."""
 
 CommandTriple = tuple[float, float, float]
-"""vx, vy [m/s], yaw rate [rad/s], as JSON keeps them."""
+"""vx, vy [m/s], yaw rate [rad/s], as in JSON."""
 
 
 class PolicyFileError(ValueError):
-    """A policy file is damaged, or made for something else than asked for."""
+    """A policy file is damaged, or made for another robot, layout or version."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class PolicyHeader:
         limits: Limits of these joints; None if unknown.
         gaits: The gaits, each with its period.
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
-        bounds: The safety bounds trained under; None if unknown.
+        bounds: The safety bounds trained with; None if unknown.
         layout: Name of the layout.
         observation: Names and sizes of the parts of the present observation.
         history: What is remembered; None for nothing.
@@ -86,7 +86,7 @@ class PolicyHeader:
         """How states, ticks and commands become the network's input.
 
         Raises:
-            ValueError: A value is out of range, or the sizes are those of no such layout.
+            ValueError: A value is out of range, or the sizes do not fit the layout.
         """
         layout = Layout(self.layout, tuple(name for name, _ in self.observation), self.history)
         spec = ObservationSpec(self.phase, self.gaits, layout, self.height, self.foot_radius)
@@ -101,7 +101,7 @@ class PolicyHeader:
 
 
 def layout_keys(spec: ObservationSpec) -> Header:
-    """What a header says about a layout."""
+    """The keys of a header that describe its layout."""
     layout = spec.layout
     history = layout.history
     return {
@@ -116,15 +116,15 @@ def layout_keys(spec: ObservationSpec) -> Header:
 
 
 def check_interface(header: Header, robot: str | None, layout: str | None) -> None:
-    """Check what a file and the program that runs it must agree on.
+    """Check that a file agrees with the program that runs it.
 
     Args:
         header: The header, as it was read.
-        robot: Name of the robot that the policy has to be made for; None takes that of any.
-        layout: Name of the layout that it has to have; None takes any.
+        robot: Name of the robot that the policy must be made for; None accepts any robot.
+        layout: Name of the layout that it must have; None accepts any layout.
 
     Raises:
-        ValueError: They do not agree; the message says in what, and what to do.
+        ValueError: They do not agree; the message names the difference and what to do.
     """
     version = header.get("format")
     if isinstance(version, int) and version > FORMAT:
@@ -167,7 +167,7 @@ def _same_names(joints: list[Any]) -> bool:
 
 
 def read_header(header: Header) -> PolicyHeader:
-    """The header of a file of format 3, or of format 2 with what was the same for all of those.
+    """The header of a file of format 3, or of format 2 completed with what all such files share.
 
     Args:
         header: The header, as it was read and checked by `check_interface`.
@@ -184,7 +184,8 @@ def _from_former(header: Header) -> Header:
     """The header of format 2 as one of format 3.
 
     Raises:
-        ValueError: It is not the layout that all such files have.
+        ValueError: A key is missing, of the wrong type or unexpected, or the layout is not the one
+            that all such files have.
     """
     former = dict(header)
     observation = [[name, PARTS[name].size] for name in PARTS if name != "angular_velocity"]
@@ -198,7 +199,7 @@ def _from_former(header: Header) -> Header:
     period = former.pop("period_ticks", None)
     if type(period) is not int:
         raise ValueError(f"header.period_ticks is {shown(period)}, expected int")
-    # The format says no more of the gait; those of the trot's period were nearly always trots.
+    # Format 2 only has the period; gaits with the trot's period were nearly always trots.
     gait = GaitTiming("trot" if period == to_ticks(Gait().period) else "custom", period)
     full = layout_keys(ObservationSpec("circle", (gait,)))
     if "phase" not in former:

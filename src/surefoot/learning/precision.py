@@ -1,8 +1,8 @@
-"""The number format that training multiplies in: named, or the one in which a step takes less time.
+"""The number format in which training multiplies: the configured one, or the faster one.
 
-Whether bfloat16 is faster does not follow from the instructions that a processor has, so steps of
-the run's own network are timed. The choice belongs to a whole run: `runs.run.create` makes it once
-and writes it down. Read ``step.py`` for the step.
+The instructions of a processor do not tell whether bfloat16 is faster, so steps of the run's own
+network are timed. The choice holds for a whole run: `runs.run.create` makes it once and records it.
+Read ``step.py`` for the step.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from surefoot.learning.step import (
 from surefoot.types import JOINTS
 
 SECONDS = 0.4
-"""How long steps are timed, in both formats together [s]."""
+"""Duration of the timing, for both formats together [s]."""
 FEWEST_ROUNDS = 5
-"""Steps that are timed in each format, however long they take; as many before them are not."""
+"""Fewest steps timed in each format, however long they take, after as many warm-up steps."""
 MOST_ROWS = 4096
-"""Rows in a step that is timed, so that a huge batch does not take minutes."""
+"""Most rows in a timed step, so that a huge batch does not take minutes."""
 CLEARLY = 0.98
-"""bfloat16 is chosen if its step takes at most this share of the time of float32: where both are
-equal, the more exact one is."""
+"""bfloat16 is chosen if its step takes at most this share of the time of float32, so that the more
+exact format is used where both are equally fast."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class PrecisionChoice:
 
     Attributes:
         chosen: Number format of the products of the hidden layers.
-        float32_ms: Time of a step in float32 [ms]; None where the format was not measured.
-        bfloat16_ms: Time of a step in bfloat16 [ms]; None where the format was not measured.
+        float32_ms: Time of a step in float32 [ms]; None if it was not measured.
+        bfloat16_ms: Time of a step in bfloat16 [ms]; None if it was not measured.
     """
 
     chosen: NumberFormat
@@ -54,7 +54,7 @@ class PrecisionChoice:
     bfloat16_ms: float | None = None
 
     def __str__(self) -> str:
-        """The choice in words, with how much longer the other format takes."""
+        """The choice as text, with how much longer the other format takes."""
         if self.float32_ms is None or self.bfloat16_ms is None:
             return f"training in {self.chosen}"
         ratio = self.bfloat16_ms / self.float32_ms
@@ -64,10 +64,10 @@ class PrecisionChoice:
 
 
 def choose_precision(network: PolicyNetwork, config: TrainingConfig) -> PrecisionChoice:
-    """The number format to train a network in: the one that is named, or the faster one.
+    """The number format to train a network in: the configured one, or for `auto` the faster one.
 
     Args:
-        network: The network to train; it is left as it is.
+        network: The network to train; it is not changed.
         config: The precision, and what the time of a step depends on: batch, threads, device.
 
     Raises:
@@ -88,7 +88,7 @@ def choose_precision(network: PolicyNetwork, config: TrainingConfig) -> Precisio
 
 
 def faster_of(seconds: dict[NumberFormat, float]) -> PrecisionChoice:
-    """The choice between two formats in which a step takes that long [s]."""
+    """The choice between the two formats, given the time of a step in each [s]."""
     clearly = seconds["bfloat16"] <= CLEARLY * seconds["float32"]
     return PrecisionChoice(
         chosen="bfloat16" if clearly else "float32",
@@ -100,10 +100,10 @@ def faster_of(seconds: dict[NumberFormat, float]) -> PrecisionChoice:
 def step_seconds(
     network: PolicyNetwork, config: TrainingConfig, device: torch.device
 ) -> dict[NumberFormat, float]:
-    """Median time of a step in each format, one format after the other in turns [s].
+    """Median time of a step in each format, measured in alternation [s].
 
-    On a CPU it is this process's own time: where other programs held the cores, the ratio of wall
-    times scattered between 0.4 and 1.0, and that of the processor's times between 0.60 and 0.68.
+    On a CPU this is the process's own CPU time: when other programs used the cores, the ratio of
+    wall times scattered between 0.4 and 1.0, that of CPU times only between 0.60 and 0.68.
 
     Args:
         network: The network; copies of it take the steps, on noise.
@@ -134,7 +134,7 @@ def step_seconds(
 
 
 def _time_of(step: TrainingStep, rows: torch.Tensor, clock: Callable[[], float]) -> float:
-    """Time of one step on a clock, until its loss is known [s]."""
+    """Time of one step on a clock, until its loss has been computed [s]."""
     began = clock()
     step(rows)
     step.take_loss()  # waits for a GPU

@@ -1,11 +1,11 @@
-"""Training samples: what the network sees and what it should answer, in bounded memory.
+"""Training samples: inputs and targets of the network, in bounded memory.
 
-A row is the inputs (``observation.network_input``, 47 in the layout `full`) and 12 targets
+A row has the inputs (``observation.network_input``, 47 in the layout `full`) and 12 targets
 (``policy.target_of``), float32, derived from raw frames. Rows stay in memory up to a limit. Beyond
-it they go through a temporary file without a name, which vanishes with the process, and an epoch
-reads it in random blocks: as many as fit are mixed row by row, then the next. A minibatch then
-holds rows of blocks from all over the data, and every row comes once an epoch. Read next:
-``train.py``.
+it they go to an unnamed temporary file, which vanishes with the process, and an epoch reads it in
+random blocks: as many blocks as fit in memory are mixed row by row, then the next ones. So a
+minibatch has rows of blocks from all over the data, and every row is read once per epoch. Read
+next: ``train.py``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from surefoot.learning.policy import PolicySpec, target_of
 from surefoot.types import JOINTS, BoolArray, IntArray
 
 WIDTH = INPUT_SIZE + len(JOINTS)
-"""Numbers in a row of the layout `full`: inputs, then targets."""
+"""Number of values in a row of the layout `full`: inputs, then targets."""
 BLOCK = 256
 """Rows that are read together: a quarter of a second of one robot, 60 kB in the layout `full`."""
 ROWS_AT_A_TIME = 16384
@@ -39,9 +39,9 @@ class TrainingSamples:
     """n rows ``(n, width)``, of which at most ``limit`` bytes are in memory at a time.
 
     Args:
-        limit: Memory [bytes]; at least one block is held.
+        limit: Memory [bytes]; at least one block is kept in memory.
         folder: Folder of the temporary file, if one is needed; by default the system's.
-        width: Numbers in a row.
+        width: Number of values in a row.
     """
 
     def __init__(self, limit: int, folder: Path | None = None, width: int = WIDTH) -> None:
@@ -78,7 +78,7 @@ class TrainingSamples:
         self._count = end
 
     def _write(self, file: BufferedRandom, rows: Float32Array) -> None:
-        """Append rows to the temporary file, and flush it, so that a full disk shows here."""
+        """Append rows to the temporary file and flush it, so that a full disk is noticed here."""
         with self._writing():
             file.seek(0, 2)
             file.write(np.ascontiguousarray(rows).data)
@@ -89,11 +89,11 @@ class TrainingSamples:
         return writing(f"a temporary file in {self._folder or tempfile.gettempdir()}")
 
     def buffers(self, order: torch.Generator | None = None) -> Iterator[Tensor]:
-        """Every row once, as many together as fit in memory; each buffer overwrites the last.
+        """Every row once, in buffers of as many rows as fit in memory; each overwrites the last.
 
         Args:
-            order: Generator that draws the blocks of the file at random; without it they come in
-                order of time. Within a block, rows are in order of time: mix those of a buffer.
+            order: Generator that puts the blocks of the file in random order; without it they stay
+                in the order of time. Rows within a block always do, so shuffle each buffer.
         """
         if self._file is None:
             yield self._memory[: self._count]
@@ -102,8 +102,7 @@ class TrainingSamples:
         blocks = list(range(whole))
         if order is not None:
             blocks = torch.randperm(whole, generator=order).tolist()
-        # The last block, if incomplete, comes last, so that every epoch has buffers of the same
-        # sizes.
+        # An incomplete block always comes last, so that every epoch has buffers of the same sizes.
         if rest:
             blocks.append(whole)
         capacity = len(self._memory) // BLOCK
@@ -117,7 +116,7 @@ class TrainingSamples:
             yield self._memory[:end]
 
     def batches(self, batch: int) -> int:
-        """The number of whole minibatches in an epoch; each buffer drops its incomplete last one.
+        """The number of whole minibatches in an epoch; each buffer drops an incomplete last one.
 
         Args:
             batch: Rows in a minibatch.
@@ -128,14 +127,14 @@ class TrainingSamples:
 
     def moments(self) -> tuple[Tensor, Tensor]:
         """Mean and standard deviation ``(width,)`` of every column, float64."""
-        # In parts, because a sum in float64 first makes a copy in float64.
+        # Sum in parts, because a sum in float64 first copies its input to float64.
         total = sum(
             part.sum(0, dtype=torch.float64)
             for rows in self.buffers()
             for part in rows.split(ROWS_AT_A_TIME)
         )
         mean = torch.as_tensor(total) / len(self)
-        # Centered before the squares are summed: float32 rows, so float32 rounding is the noise.
+        # Center before summing the squares; the rows are float32, so float32 rounding is enough.
         center = mean.float()
         squares = sum(
             part.sub(center).square_().sum(0, dtype=torch.float64)
@@ -149,12 +148,12 @@ def derive(frames: Frames, spec: PolicySpec) -> Float32Array:
     """Rows ``(n, width)``: inputs and targets [rad] of the n kept frames of a recording.
 
     Args:
-        frames: Recorded ticks; for a layout with a history with those before the kept ones.
+        frames: Recorded ticks; for a layout with a history, including those before the kept ones.
         spec: How inputs and targets follow from frames: layout, gaits, phase, kp and kd.
 
     Raises:
         ValueError: A number is not finite, a tick or an applied torque is missing that a history
-            needs, or a frame is of a gait that the policies do not have.
+            needs, or a frame has a gait that the policies do not have.
     """
     seen = spec.observation
     history = seen.layout.history
@@ -190,15 +189,15 @@ def _fill(frames: Frames, spec: PolicySpec, out: Float32Array, past: Float32Arra
 
 
 def _check_finite(frames: Frames, rows: Float32Array, start: int) -> None:
-    """Check that all numbers of frames, and of what is derived from them, are finite.
+    """Check that all numbers in frames and in the rows derived from them are finite.
 
     Args:
         frames: The frames.
-        rows: What is derived from them.
-        start: Number of the first of them, for the message.
+        rows: The rows derived from them.
+        start: Number of the first frame, for the message.
 
     Raises:
-        ValueError: One is not.
+        ValueError: A number is not finite.
     """
     finite = np.ones(len(frames), bool)
     arrays = (frames.q, frames.v, frames.com, frames.feet, frames.command, frames.torque, rows)
@@ -215,8 +214,8 @@ def _check_finite(frames: Frames, rows: Float32Array, start: int) -> None:
 def held_out(episode: IntArray, share: float) -> BoolArray:
     """``(n,)`` True for frames of episodes held out for validation, decided by the id alone.
 
-    The parts of an episode (`frames.whole_episode`) are held out together: they hold the same
-    states, so that a policy would be judged on what it was trained on.
+    An episode and its parts (`frames.whole_episode`) are held out together: they share states, so
+    otherwise a policy would be judged on states that it was trained on.
 
     Args:
         episode: ``(n,)`` episode ids.

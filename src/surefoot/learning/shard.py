@@ -1,8 +1,9 @@
-"""A shard: one HDF5 file of frames, which holds each of their arrays as one uncompressed block.
+"""A shard: one HDF5 file of frames, with each of their arrays as one uncompressed block.
 
-Read next: ``dataset.py``, which names shards and keeps their hashes. HDF5 can do more than is
-wanted here: links into other files, arrays that are computed from others, compression by which a
-small file fills the memory. `read_shard` takes none of that, and reads no more than the file holds.
+HDF5 can do more than is wanted here: links into other files, arrays that are computed from others,
+compression by which a small file fills the memory. `read_shard` accepts none of that, and reads no
+more than the size of the file. Read next: ``dataset.py``, which names shards and keeps their
+hashes.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from surefoot.learning.frames import FIELDS, FRAME_FIELDS, Fields, Frames
 
 FORMAT = 2
-"""Version of the shards and of the manifest. Format 1 holds the kept frames alone."""
+"""Version of the shards and of the manifest. Format 1 has only the kept frames."""
 STORED: dict[int, Fields] = {1: FRAME_FIELDS, 2: FIELDS}
 """The arrays of a shard, by its format."""
 
@@ -31,7 +32,7 @@ def row_size(format: int = FORMAT) -> int:
 def shard_content(frames: Frames) -> bytes:
     """The bytes of a shard.
 
-    It is assembled in memory: HDF5 ends the process if it finds the disk full at the wrong moment.
+    They are assembled in memory, because HDF5 can crash the process if the disk is full.
     """
     size = len(frames) * row_size() + 65_536
     with h5py.File("shard", "w", driver="core", backing_store=False, block_size=size) as file:
@@ -43,15 +44,15 @@ def shard_content(frames: Frames) -> bytes:
 
 
 def check_size(path: Path, rows: int, format: int = FORMAT) -> None:
-    """Check that a file is large enough for so many ticks, before there is memory for them.
+    """Check that a file is large enough for its ticks, before memory is allocated for them.
 
     Args:
         path: The file.
-        rows: Number of ticks that it is said to hold.
+        rows: Number of ticks that it should have.
         format: Version of the file.
 
     Raises:
-        OSError: It is missing, too small, or not a regular file.
+        OSError: The file is missing, too small, or not a regular file.
     """
     if path.exists() and not path.is_file():  # reading a pipe would wait
         raise OSError("it is not a regular file")
@@ -63,8 +64,8 @@ def check_size(path: Path, rows: int, format: int = FORMAT) -> None:
 def read_shard(path: Path, arrays: Mapping[str, NDArray], format: int = FORMAT) -> None:
     """Fill arrays from a shard.
 
-    A shard of format 1 has the kept frames alone. The torque that was applied is known where the
-    expert drove, and not a number elsewhere.
+    A shard of format 1 has only the kept frames. Its applied torque is known where the expert
+    drove, and NaN elsewhere.
 
     Args:
         path: The file.
@@ -72,7 +73,7 @@ def read_shard(path: Path, arrays: Mapping[str, NDArray], format: int = FORMAT) 
         format: Version of the file.
 
     Raises:
-        OSError: The file is missing or damaged, or holds anything but these arrays.
+        OSError: The file is missing or damaged, or an array has another shape, type or storage.
     """
     check_size(path, len(arrays["q"]), format)
     try:
@@ -89,7 +90,7 @@ def read_shard(path: Path, arrays: Mapping[str, NDArray], format: int = FORMAT) 
                     stored.read_direct(array)
     except OSError:
         raise
-    except Exception as error:  # whatever HDF5 makes of a damaged file
+    except Exception as error:  # HDF5 raises many kinds of errors for a damaged file
         raise OSError(str(error)) from error
     if format == 1:
         arrays["gait"][:] = 0

@@ -1,7 +1,7 @@
-"""One step of Adam on a minibatch: which device computes it, in which precision, and how.
+"""One step of Adam on a minibatch, with its device and its precision.
 
-On a GPU the step is a CUDA graph: one launch instead of a hundred. Nothing in it waits for the
-device, because the loss is added up there. Read next: ``train.py``, which takes the steps.
+On a GPU the step is a CUDA graph: one launch instead of a hundred. No step waits for the device,
+because the losses are summed up on it. Read next: ``train.py``, which takes the steps.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from surefoot.types import JOINTS
 
 
 def choose_device(name: Device) -> torch.device:
-    """The device asked for; `auto` is a GPU if there is one.
+    """The requested device; `auto` is a GPU if there is one.
 
     Raises:
-        ValueError: A GPU is asked for and there is none, or the device is unknown.
+        ValueError: A GPU is requested but there is none, or the device is unknown.
     """
     if name not in get_args(Device):
         raise ValueError(unknown("device", name, get_args(Device)))
@@ -51,7 +51,7 @@ def has_bfloat16(device: torch.device) -> bool:
 
 @contextmanager
 def torch_threads(count: int) -> Iterator[None]:
-    """Set PyTorch's number of threads, and restore the former one afterwards."""
+    """Set PyTorch's number of threads, and restore the previous number afterwards."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:
@@ -63,7 +63,7 @@ def torch_threads(count: int) -> Iterator[None]:
 def make_optimizer(
     network: PolicyNetwork, config: TrainingConfig, device: torch.device
 ) -> torch.optim.Optimizer:
-    """Adam, with its learning rate on the device, where a graph can read it.
+    """Adam, with its learning rate on the device, where a CUDA graph can read it.
 
     Args:
         network: The network, on the device.
@@ -82,7 +82,7 @@ def make_optimizer(
 
 
 class TrainingStep:
-    """One step of Adam on the L1 loss; called with one minibatch after the other.
+    """One step of Adam on the L1 loss, called with one minibatch after another.
 
     Args:
         network: The network that is trained, on the device.
@@ -119,7 +119,7 @@ class TrainingStep:
         self._optimizer.param_groups[0]["lr"].fill_(rate)
 
     def take_loss(self) -> float:
-        """The sum of the losses since the last call, which starts again at zero."""
+        """Return the sum of the losses since the last call, and reset it to zero."""
         total = self._loss.item()
         self._loss.zero_()
         return total
@@ -138,7 +138,7 @@ class TrainingStep:
 
     def _capture(self) -> Callable[[], None]:
         """The step as a CUDA graph."""
-        # Warming up and capturing are real steps; what they change is put back afterwards.
+        # Warming up and capturing take real steps, so the changed values are restored afterwards.
         self._network.train()
         before = copy.deepcopy((self._network.state_dict(), self._optimizer.state_dict()))
         side = torch.cuda.Stream()
@@ -155,7 +155,7 @@ class TrainingStep:
         return graph.replay
 
     def _put_back(self, weights: dict[str, Tensor], optimizer: dict[str, Any]) -> None:
-        """Copy values into the very tensors that the graph uses.
+        """Copy values into the tensors that the graph uses, without replacing the tensors.
 
         Args:
             weights: State of the network.

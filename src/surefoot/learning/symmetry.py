@@ -1,12 +1,13 @@
-"""Mirrors: what the robot's mirror image does is as good an example as what the robot does.
+"""Mirrors: the motion of the robot's mirror image is as good an example as that of the robot.
 
 A mirror reflects the world, x -> D x with D = diag(+-1, +-1, 1). Points and linear velocities are
 vectors, p -> D p; rotation vectors, angular velocities and the vector part of a quaternion are
 pseudo-vectors, w -> det(D) D w. Legs and joints change places, joints also their signs, and the
-gait clock runs ahead by the shift after which the mirrored gait is the gait again. If robot and
-gait are their own mirror images, an expert without preference for a side answers the mirrored state
-with the mirrored torque. Frames are mirrored when samples are derived from them, and never stored.
-The arrays of a robot come from `robots.symmetry`. Read next: ``train.py``, which trains on both.
+gait clock runs ahead by the shift after which the mirrored gait equals the original one. If robot
+and gait are their own mirror images, an expert that prefers no side answers the mirrored state with
+the mirrored torque. Frames are mirrored when samples are derived from them, and mirror images are
+never stored. The arrays of a robot come from `robots.symmetry`. Read next: ``train.py``, which
+trains on both.
 """
 
 from __future__ import annotations
@@ -29,19 +30,19 @@ from surefoot.types import GRID, LEGS, Array, IntArray, State, to_ticks
 
 @dataclass(frozen=True)
 class Mirror:
-    """A reflection of robot and world that takes a walking robot to a walking robot.
+    """A reflection of robot and world that turns a walking robot into a walking robot.
 
     Attributes:
         reflection: ``(3,)`` signs of the coordinates of a point: the diagonal of D.
         legs: ``(4,)`` for each leg of the image, the leg of the robot that it shows.
-        joints: ``(12,)`` the same of the joints.
+        joints: ``(12,)`` for each joint of the image, the joint of the robot that it shows.
         signs: ``(12,)`` sign of each joint of the image: -1 where it turns the other way.
         shift: How far the gait clock of the image is ahead [ms].
-        other_shifts: The same of each of the other gaits, where there are several.
+        other_shifts: The shift of each of the other gaits, if there are several.
 
     Raises:
-        ValueError: An array has another length, a sign is not 1 or -1, or twice the mirror does not
-            bring every leg and joint back to its place.
+        ValueError: An array has the wrong length, a sign is not 1 or -1, or applying the mirror
+            twice does not bring every leg and joint back to its place.
     """
 
     reflection: tuple[int, ...]
@@ -83,7 +84,7 @@ class Mirror:
         return command * np.append(self._point[:2], self._turn[2])
 
     def tick(self, tick: IntArray, gait: IntArray | int = 0) -> IntArray:
-        """Gait clock ``(...)`` of the image [ms], of robots that walk some gaits ``(...)``."""
+        """Gait clock ``(...)`` of the image [ms], for robots with the gait numbers ``(...)``."""
         if not self.other_shifts:
             return tick + self.shift
         return tick + np.array([self.shift, *self.other_shifts])[gait]
@@ -105,10 +106,10 @@ class Mirror:
     def frames(self, frames: Frames) -> Frames:
         """The frames of the image; each keeps its episode, so that both are held out together.
 
-        What was applied at each tick is mirrored too, so that a history is the image's.
+        The applied torques are mirrored too, so that a history is that of the image.
 
         Raises:
-            ValueError: There are frames of a gait whose shift the mirror does not know.
+            ValueError: There are frames of a gait for which the mirror has no shift.
         """
         if len(frames) and frames.gait.max() > len(self.other_shifts):
             raise ValueError(
@@ -128,7 +129,7 @@ class Mirror:
 
 @dataclass(frozen=True)
 class Mirrored:
-    """Frames of which a fit sees the mirror image too, as if it had been recorded.
+    """Frames together with their mirror images, which a fit sees as if they had been recorded.
 
     Attributes:
         data: Whole episodes, in memory or on disk.
@@ -142,7 +143,7 @@ class Mirrored:
     def hash(self) -> str:
         """SHA-256 of the recorded frames and of the mirror."""
         mirror = to_json(self.mirror)
-        if not self.mirror.other_shifts:  # as it was when there was one gait
+        if not self.mirror.other_shifts:  # for the same hash as before there were several gaits
             del mirror["other_shifts"]
         text = json.dumps([self.data.hash, mirror])
         return hashlib.sha256(text.encode()).hexdigest()
@@ -156,7 +157,7 @@ class Mirrored:
 def parts_of(
     data: Frames | Dataset | Mirrored, all_ticks: bool = False
 ) -> Iterator[tuple[Frames, ...]]:
-    """The data in parts: each as it was recorded, followed by its mirror image if there is one.
+    """The data in parts: each as recorded, and with its mirror image if there is a mirror.
 
     Args:
         data: Whole episodes.
@@ -173,15 +174,16 @@ def parts_of(
 def clock_shift(gait: Gait, legs: Sequence[int]) -> int:
     """How far ahead the gait clock of a mirror image is, so that its legs follow the gait [ms].
 
-    The mirrored offsets are the offsets again (a bound, left to right), or shifted by half a period
-    (a trot): a mirror that undoes itself allows no other shift.
+    The mirrored offsets are either the same offsets (a bound, left to right), or shifted by half a
+    period (a trot): a mirror that undoes itself allows no other shift.
 
     Args:
         gait: The gait, for its period and offsets.
         legs: ``(4,)`` for each leg of the image, the leg of the robot that it shows.
 
     Raises:
-        ValueError: The gait is not its own mirror image, or the shift is not on the grid of plans.
+        ValueError: The gait is not its own mirror image, or the shift is no multiple of the
+            planning grid.
     """
     period = to_ticks(gait.period)
     offsets = np.array([round(share * period) for share in gait.offsets])
@@ -212,7 +214,7 @@ def mirror_error(
 ) -> float:
     """The mean of |M pi(s) - pi(M s)| over n states and the joints [rad].
 
-    A policy that remembers answers as if an episode began in each state.
+    A policy with a history answers as if an episode began in each state.
 
     Args:
         policy: The policy pi.

@@ -1,10 +1,10 @@
 """Files of tensors with a JSON header: policies, classifiers and checkpoints, as safetensors.
 
-Such a file is written whole or not at all, and nothing in it is ever run. Safetensors notices a
-file that was cut short, but not a changed bit; therefore the header holds a SHA-256 of the
-contents. A reader takes no more memory than the file's own size accounts for: `read_tensor_file`
-sees to the header, and whoever builds something from the tensors calls `check_tensors` first. Read
-next: ``policy.py`` and ``classifier.py`` for what their headers hold.
+Such a file is written whole or not at all, and nothing in it is ever executed. Safetensors detects
+a truncated file, but not a changed bit; therefore the header has a SHA-256 of the contents. Reading
+takes no more memory than the size of the file justifies: `read_tensor_file` limits the header, and
+code that builds something from the tensors calls `check_tensors` first. Read next: ``policy.py``
+and ``classifier.py`` for their headers.
 """
 
 from __future__ import annotations
@@ -29,22 +29,22 @@ from surefoot.files import write_atomic
 HEADER_KEY = "surefoot"
 """Key of the header, as text, in the metadata of a safetensors file."""
 MOST_HEADER = 3_000_000
-"""[B] A file's table of tensors and its header are at most this long, because an empty tensor takes
-20 times the memory of its entry in the table. The policy of the paper has 3000."""
+"""[B] The largest size of a file's table of tensors and its header together, because an empty
+tensor takes 20 times the memory of its entry in the table. The paper's policy needs 3000."""
 
 Header = dict[str, Any]
-"""What a file says about its tensors: anything that JSON can hold, by name."""
+"""The header of a file: any JSON values, by name."""
 
 
 @dataclass(frozen=True)
 class TensorKind:
-    """What a tensor of a file has to be.
+    """What a tensor of a file must be.
 
     Attributes:
         name: Its name in the file.
         shape: Its shape.
-        dtype: The type of its numbers.
-        least: The smallest that a number of it may be.
+        dtype: The type of its values.
+        least: The smallest value allowed.
     """
 
     name: str
@@ -65,14 +65,14 @@ def write_tensor_file(
         sha256: The hash to store; by default that of all contents, which `is_intact` checks.
 
     Raises:
-        ValueError: The header is too long to be read back, or has a number that is not finite.
+        ValueError: The header is too long to be read back, or a number in it is not finite.
         WriteError: The disk is full, or read-only.
     """
     plain = {name: tensor.detach().contiguous().cpu() for name, tensor in tensors.items()}
     header = {**header, "sha256": sha256 or _digest(plain, header)}
     try:
         content = to_bytes(plain, {HEADER_KEY: json.dumps(header, allow_nan=False)})
-    except (ValueError, SafetensorError) as error:  # not a finite number, or 100 MB
+    except (ValueError, SafetensorError) as error:  # a number not finite, or more than 100 MB
         raise ValueError(f"{path} cannot have such a header ({error})") from error
     _check_header_size(path, content)
     write_atomic(path, content)
@@ -82,7 +82,7 @@ def read_tensor_file(path: Path) -> tuple[dict[str, Tensor], Header]:
     """Read the tensors and the header of a file; the header's ``sha256`` is the hash.
 
     Raises:
-        ValueError: The file is cut short, or not of this kind.
+        ValueError: The file is truncated, or of another kind.
     """
     try:
         if not path.is_file():  # reading a pipe would wait, reading a device would not end
@@ -108,7 +108,7 @@ def _parse_header(metadata: Mapping[str, str] | None) -> Header:
     """The header from a file's metadata.
 
     Raises:
-        ValueError: There is none, or it is not a JSON object.
+        ValueError: There is no header, or it is not a JSON object.
     """
     if not metadata or HEADER_KEY not in metadata:
         raise ValueError("it has no header of this package")
@@ -119,24 +119,24 @@ def _parse_header(metadata: Mapping[str, str] | None) -> Header:
 
 
 def _read(file: Any, name: str) -> Tensor:
-    """One tensor of an open file, if its type is among those that files of this package have."""
+    """One tensor of an open file, if its type is one that files of this package have."""
     dtype = file.get_slice(name).get_dtype()
-    if dtype not in ("F32", "F64", "I64", "BOOL"):  # of others, not all become bytes for the hash
+    if dtype not in ("F32", "F64", "I64", "BOOL"):  # some others have no bytes for the hash
         raise ValueError(f"tensor {shown(name)} has the type {dtype}")
-    # What safetensors gives is a window on the file: the weights would change with it, and once it
-    # is cut short, reading them would end the process.
+    # Safetensors returns a memory map of the file: the weights would change with the file, and if
+    # it were truncated, reading them would crash the process.
     return file.get_tensor(name).clone()
 
 
 def check_tensors(tensors: Mapping[str, Tensor], expected: Iterable[TensorKind]) -> None:
-    """Check that a file's tensors are exactly those expected, and that all numbers make sense.
+    """Check that a file's tensors are exactly the expected ones, with finite and allowed values.
 
     Args:
         tensors: The tensors by name.
-        expected: What each has to be; of a generator, no more is taken than is needed.
+        expected: What each must be; a generator is read only up to the first error.
 
     Raises:
-        ValueError: A tensor is missing, of another shape or type, unknown, or has a number that is
+        ValueError: A tensor is missing, unknown, of another shape or type, or has a value that is
             not finite or too small.
     """
     known = set()

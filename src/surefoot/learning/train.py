@@ -1,10 +1,10 @@
-"""Supervised training: Adam on the L1 loss, fixed to the bit, on a CPU or a GPU.
+"""Supervised training: Adam on the L1 loss, reproducible to the bit, on a CPU or a GPU.
 
-It minimizes the mean of |pi(o, g) - a|, where a are the joint targets with which the policy's PD
-gives the expert's torque. Episodes are held out for validation by a hash of their id, so an episode
-stays on its side with all of its parts, however much data is added later. It needs no robotics.
-Read ``samples.py`` first, then ``policy.py`` for the network and its target, and ``step.py`` for
-the single step.
+It minimizes the mean of |pi(o, g) - a|, where a are the joint targets for which the policy's PD
+gives the expert's torque. A hash of an episode's id decides whether the episode is held out for
+validation, so the episode and its parts stay on the same side of the split when data is added. This
+module needs no robotics. Read ``samples.py`` first, then ``policy.py`` for the network and its
+target, and ``step.py`` for the single step.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ Progress = Callable[[int, int, float, float], None]
 
 @dataclass(frozen=True)
 class FitResult:
-    """What a fit gives.
+    """The result of a fit.
 
     Attributes:
         network: The trained network, in eval mode.
@@ -58,7 +58,7 @@ class FitResult:
         steps: Number of optimizer steps.
         frames: Number of recorded frames, held out or not, without mirror images.
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s] and yaw rate [rad/s] among them.
-        device: The device that computed it, as PyTorch names it.
+        device: The device that the network was trained on, as PyTorch names it.
         precision: Number format of the products of the hidden layers.
     """
 
@@ -73,7 +73,7 @@ class FitResult:
 
     @property
     def losses(self) -> str:
-        """The last losses in words; the one of the held-out episodes only if there were any."""
+        """The last losses as text; that on held-out episodes only if there were any."""
         held_out = self.validation_loss[-1]
         shown = f", held out {held_out:.4f} rad" if math.isfinite(held_out) else ""
         return f"L1 {self.train_loss[-1]:.4f} rad{shown}"
@@ -109,30 +109,30 @@ def fit(
     progress: Progress | None = None,
     checkpoint: Path | None = None,
 ) -> FitResult:
-    """Train a copy of the network on frames; same arguments, same bits.
+    """Train a copy of the network on frames; the same arguments give the same bits.
 
-    Where the precision is `auto`, two calls may choose different ones: name one for the same bits.
-    The weights are carried over, the optimizer is new. Normalizers are fitted if the network has
-    none, and stay as they are from then on.
+    The exception is the precision `auto`, which two calls may resolve differently. Training starts
+    from the network's weights, with a new optimizer. Normalizers are fitted if the network has
+    none, and never change after that.
 
     Args:
-        network: The network to start from; it is left as it is.
-        data: Whole episodes, in memory or on disk; `Mirrored` if the training has a mirror, and
-            either if that is `auto`.
+        network: The network to start from; it is not changed.
+        data: Whole episodes, in memory or on disk: `Mirrored` if `config.mirror` names a mirror,
+            plain if it is `none`, and either if it is `auto`.
         config: Optimizer, batch, schedule, threads, precision, device, memory, held-out share.
         spec: How inputs and targets follow from frames.
         epochs: Passes over the frames that are not held out, or the number of steps, which may end
-            in the middle of a pass. Mirrored data have as many steps as those without images.
+            in the middle of a pass. Mirrored data take as many steps as without mirror images.
         seed: Seed for the order of the frames, at least 0.
         progress: Function that is called after each epoch.
-        checkpoint: File that each epoch leaves; a fit of the same data, network and arguments, on
-            the same kind of device, resumes from it.
+        checkpoint: File that is written after each epoch; a fit with the same data, network and
+            arguments, on the same kind of device, resumes from it.
 
     Raises:
-        ValueError: The network has not as many inputs as the layout, there are too few frames, no
-            epochs, a negative seed, a number that is not finite, no such device, the device cannot
-            multiply in the precision, a tick is missing that a history needs, or the data are
-            mirrored although the training is not, or the other way round.
+        ValueError: The network does not have as many inputs as the layout, there are too few
+            frames, no epochs, a negative seed, a number that is not finite, no such device, the
+            device cannot multiply in the precision, a tick is missing that a history needs, or the
+            data are mirrored although the training is not, or the other way around.
         FloatingPointError: The loss is not finite.
         DatasetError: A shard is damaged.
         WriteError: The disk is full.
@@ -160,7 +160,7 @@ def fit(
     if isinstance(epochs, Steps):
         steps = epochs.count
     else:
-        # An epoch has as many steps with images as without, so it shows half of both.
+        # An epoch has as many steps with images as without, so it covers half of all rows.
         steps = epochs * (max(1, batches // 2) if mirrored else batches)
     passes = math.ceil(steps / batches)
     precision = choose_precision(network, config).chosen
@@ -169,7 +169,7 @@ def fit(
     if checkpoint is not None:
         platform = [torch.__version__, device_name(device), has_bfloat16(device)]
         past = [data.ticks_hash] if spec.remembers else []
-        images = [steps] if mirrored else []  # their passes once had twice as many
+        images = [steps] if mirrored else []  # earlier versions took twice as many steps
         parts = [data.hash, *past, *images, config, spec, epochs, seed, *platform]
         key = _fingerprint(network, parts)
     network = copy.deepcopy(network).to(device)
@@ -226,7 +226,7 @@ def split_samples(
     """
     recorded = data.data if isinstance(data, Mirrored) else data
     folder = recorded.folder if isinstance(recorded, Dataset) else None
-    if folder is not None and not os.access(folder, os.W_OK):  # of a dataset that is shared
+    if folder is not None and not os.access(folder, os.W_OK):  # such as a shared dataset
         folder = None
     limit = config.memory * 1_000_000
     validation_limit = round(limit * config.validation)
@@ -253,10 +253,10 @@ def split_samples(
 
 
 def _count_batches(samples: SplitSamples, config: TrainingConfig) -> int:
-    """The number of minibatches of an epoch.
+    """The number of minibatches in a pass over all training rows.
 
     Raises:
-        ValueError: There is none; the message says why.
+        ValueError: There is not even one; the message says why.
     """
     batches = samples.training.batches(config.batch)
     if batches == 0 and len(samples.training) >= config.batch:
@@ -282,7 +282,7 @@ def _train_epoch(
     steps: int,
     noise: Tensor,
 ) -> float:
-    """Take all steps of an epoch, or those that are left, and return their mean loss [rad].
+    """Take all steps of an epoch, or as many as remain, and return their mean loss [rad].
 
     Args:
         step: The step; its network is in training mode.
@@ -338,7 +338,7 @@ def _validate(network: PolicyNetwork, samples: TrainingSamples, device: torch.de
 
 
 def _generator(seed: int, epoch: int, stream: int = 0) -> torch.Generator:
-    """The randomness of an epoch, which does not depend on the epochs before it.
+    """The random generator of an epoch, independent of the epochs before it.
 
     Args:
         seed: Seed of the whole fit.
@@ -351,11 +351,11 @@ def _generator(seed: int, epoch: int, stream: int = 0) -> torch.Generator:
 
 
 def _fingerprint(network: PolicyNetwork, inputs: list[object]) -> str:
-    """What a fit's result depends on, as a hash.
+    """A hash of everything that a fit's result depends on.
 
     Args:
-        network: The network it starts from.
-        inputs: Records, numbers and texts: everything else.
+        network: The network that the fit starts from.
+        inputs: Everything else, as records, numbers and texts.
     """
     sha = hashlib.sha256()
     for tensor in network.state_dict().values():
