@@ -3,8 +3,8 @@
 The expert drives from states of the split `select`, which is never used for training, and each
 robot is pushed once. The error is the mean of |pi(s) - a| over the visited states and the joints,
 where a is the target for which the policy's PD gives the expert's torque. The success rate of a
-small training depends mostly on luck; this error is steady to a few percent. It says nothing about
-states that only the policy visits. Next: `robustness`.
+small training is mostly luck of its weights; this error is steady to a few percent. It says nothing
+about states that only the policy visits. Next: `robustness`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """How far a policy is from treating left and right alike.
 
 The mirror error is the mean of |M pi(s) - pi(M s)| over states and joints, where M exchanges left
-and right. It is zero for an expert on a symmetric robot, and needs no simulation. Next:
+and right. It is zero for an expert on a symmetric robot. It is computed without simulation. Next:
 `imitation`, how far a policy is from the expert.
 """
 

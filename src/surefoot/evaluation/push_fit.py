@@ -12,8 +12,8 @@ falling in x, and x* the limit: S(x*) = p. The interval is no narrower than the 
 - A score test refutes S(x) = p if of n robots more than n p + z sqrt(n p (1 - p)) survive x, and
   then x* > x; or if fewer than n p - z sqrt(n p (1 - p)) do, and then x* < x. With
   n <= z^2 p / (1 - p) robots, 15 for p = 0.8, even n survivors do not refute it, and the interval
-  begins at 0. With n <= z^2 (1 - p) / p even no survivor does not, and it ends at the strongest
-  level.
+  begins at 0. With n <= z^2 (1 - p) / p even 0 survivors do not refute it, and the interval ends at
+  the strongest level.
 
 `push_limits` has the records of the limits.
 """
@@ -31,7 +31,7 @@ from surefoot.types import Array
 
 
 def robots_needed(share: float, n: int) -> float:
-    """Number of robots that have to survive: a share of n, rounded, since 0.55 * 20 exceeds 11."""
+    """Number of robots that have to survive: a share of n, rounded (0.55 * 100 is above 55)."""
     return round(share * n, 9)
 
 

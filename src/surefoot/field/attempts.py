@@ -36,7 +36,7 @@ class Attempt:
         detail: What was measured and what is allowed, as text.
         seconds: Time that policy or expert drove [s].
         expert_seconds: Time that the expert drove [s].
-        takeovers: Number of times that the expert took over before its tail.
+        takeovers: Number of times that the expert took over, before the tail.
         other_seconds: Time that the robot lay, stood up and stood [s].
         missed: Number of the robot's ticks that had no command in time.
     """
@@ -118,7 +118,7 @@ def cost_of(attempts: Sequence[Attempt]) -> RobotCost:
 
 
 def as_dropped(attempts: Sequence[Attempt], episodes: Collection[int]) -> list[Attempt]:
-    """The attempts, with those at some episodes marked as dropped, as their frames are in no data.
+    """The attempts, with those at some episodes marked as dropped: no dataset has their frames.
 
     Args:
         attempts: The attempts.

@@ -107,7 +107,7 @@ class RecordedEpisode:
         log: The ticks in which the robot was driven.
         outcome: How it ended.
         plans: Number of MPC solves.
-        invalid_plans: Number of MPC solves that were not valid.
+        invalid_plans: Number of MPC solves whose plan was not valid.
     """
 
     log: EpisodeLog

@@ -15,7 +15,7 @@ from surefoot.deploy.real_time import PRIORITY, take_real_time_priority
 from surefoot.types import GaitCommand, MotionPlan
 
 READY_WITHIN = 600.0
-"""[s] Loading the planner and compiling its code takes minutes where nothing is cached."""
+"""[s] Loading the planner and compiling its code takes minutes if nothing is cached."""
 ANSWERS_WITHIN = 10.0
 """[s] A planner that is ready but has not answered for this long is taken to hang."""
 

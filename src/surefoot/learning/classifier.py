@@ -320,5 +320,5 @@ def digest(classifier: Classifier) -> str:
 
 
 def _plain(quality: ClassifierQuality) -> Header:
-    """The quality as JSON, without what was not measured."""
+    """The quality as JSON, without figures that were not measured."""
     return {key: value for key, value in to_json(quality).items() if value is not None}

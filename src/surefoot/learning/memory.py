@@ -33,7 +33,7 @@ def samples_of(state: State, target: Array, history: History) -> Float32Array:
 
 
 class Memory:
-    """The last ticks of B robots, as a ring: tick n lies in row n modulo the reach.
+    """The last ticks of B robots, as a ring buffer: tick n is in row n modulo the reach.
 
     Args:
         history: What is remembered.

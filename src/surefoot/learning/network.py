@@ -33,7 +33,7 @@ class PolicyNetwork(nn.Module):
     Args:
         config: Sizes of the hidden layers.
         seed: Seed of the initial weights (Kaiming normal); PyTorch's global generator is untouched.
-        inputs: Number of inputs; by default those of the layout `full`.
+        inputs: Number of inputs; by default that of the layout `full`.
         outputs: Number of outputs; by default the joints.
     """
 

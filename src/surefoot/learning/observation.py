@@ -319,7 +319,7 @@ def network_input(
     history: Float32Array | None = None,
     gait: IntArray | int = 0,
 ) -> Float32Array:
-    """Observation and goal side by side, as the network takes them.
+    """Observation and goal side by side: the input of the network.
 
     Args:
         state: States with any leading axes.

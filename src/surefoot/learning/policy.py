@@ -50,7 +50,7 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, BoolArray, IntArray,
 SUFFIX = ".safetensors"
 """How the names of policy files end."""
 ROWS_AT_ONCE = 8192
-"""Rows that a policy evaluates at a time: in each hidden layer a million rows would take 4 GB."""
+"""Rows that a policy evaluates at a time: hidden layers take 4 kB a row, 4 GB for a million."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class PolicySpec:
         return self.observation.layout.history is not None
 
     def __post_init__(self) -> None:
-        """Check the gains: training divides by kp, and files hold only such gains."""
+        """Check the gains: training divides by kp, and policy files allow only such gains."""
         gains = [
             ("kp", known(self.kp, "policy.kp")),
             ("kd", known(self.kd, "policy.kd")),
@@ -110,7 +110,7 @@ def pd(target: Array | Float32Array, q: Array, v: Array, spec: PolicySpec) -> Ar
 
 
 def target_of(torque: Array, q: Array, v: Array, spec: PolicySpec) -> Array:
-    """The joint targets ``(..., 12)`` [rad] with which `pd` gives this torque [N m].
+    """The joint targets ``(..., 12)`` [rad] for which `pd` gives this torque [N m].
 
     Args:
         torque: ``(..., 12)`` joint torques [N m].
@@ -274,7 +274,7 @@ class Policy:
 
 
 def check_command(policy: Policy, command: ArrayLike) -> bool:
-    """Whether commands ``(..., 3)`` lie in the range the policy was trained on; warns if not."""
+    """Whether commands ``(..., 3)`` are in the range the policy was trained on; warns if not."""
     low, high = policy.command_range
     command = np.asarray(command, float)
     inside = bool(((command >= low - 1e-9) & (command <= high + 1e-9)).all())

@@ -106,7 +106,7 @@ def step_seconds(
     wall times scattered between 0.4 and 1.0, that of CPU times only between 0.60 and 0.68.
 
     Args:
-        network: The network; copies of it take the steps, on noise.
+        network: The network; copies of it are trained on random data.
         config: Batch, learning rate and threads.
         device: The device that computes.
     """

@@ -98,7 +98,7 @@ def read_tensor_file(path: Path) -> tuple[dict[str, Tensor], Header]:
 
 
 def _check_header_size(path: Path | str, content: bytes) -> None:
-    """Check the length that the first eight bytes of a file give for its table and header."""
+    """Check the length of table and header, which the first eight bytes of a file state."""
     size = int.from_bytes(content[:8], "little")
     if size > MOST_HEADER:
         raise ValueError(f"the header of {path} has {size} bytes, at most {MOST_HEADER} are read")

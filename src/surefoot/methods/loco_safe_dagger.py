@@ -8,7 +8,7 @@ for i = 1 .. N:
     train pi_i on D
 return the best pi_i on validation
 
-pi_safety says unsafe if any of the gates does that the method's configuration names.
+pi_safety says unsafe if any of the gates in the method's configuration does.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A run's budget of expert-seconds: what a collection may spend, and which rollouts fit.
+"""A run's budget of expert-seconds: how much a collection may spend, and which rollouts fit.
 
 The unit is an MPC solve, which counts as 50 ms of the expert. The run's metrics record what is
 spent, and thereby fix what an iteration may spend, so that a resumed run spends the same. Within a

@@ -56,7 +56,7 @@ class _Chunks:
         run: The run.
         jobs: The chunks, in the order of their episodes.
         names: Names of their shards.
-        stored: Names of the shards of which all files exist.
+        stored: Names of the shards whose files all exist.
         title: Text of the progress bar.
         play: Runs the chunks.
     """

@@ -71,7 +71,7 @@ def first_stage(config: Config, shared: Shared) -> list[Any]:
 def without_files(config: Config) -> Config:
     """The configuration with hashes of its initial states and of its robot's description.
 
-    Each run has its own copies, so their paths say nothing.
+    Each run has its own copies, so comparing their paths would tell nothing.
     """
     others = tuple(
         replace(other, start_set=_start_set(other.start_set)) for other in config.other_gaits

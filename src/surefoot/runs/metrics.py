@@ -63,8 +63,8 @@ class Trained:
     Attributes:
         stage: Name of the stage in the file.
         iteration: The iteration i; 0 is the pre-training.
-        epochs: Number of passes over the data, mirror images included, the last of which may
-            end early.
+        epochs: Number of passes over the data, including mirror images; the last one may end
+            early.
         steps: Number of optimizer steps.
         frames: Number of frames in D, held out or not.
         device: Device that the network was trained on, as PyTorch names it.

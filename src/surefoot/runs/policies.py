@@ -68,7 +68,7 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
         FileNotFoundError: There is no such folder or file.
         PolicyFileError: The file is damaged, or for another robot, layout or version.
         ValueError: The policy has another gait period, gain, phase or layout than configured; or it
-            lies in no run, and its robot does not come with the package.
+            belongs to no run, and its robot does not come with the package.
     """
     if target is None:
         target = PACKAGED_POLICY

@@ -106,7 +106,7 @@ class Run:
         return self.folder / "policies" / f"{iteration:03d}.safetensors"
 
     def checkpoint_path(self, iteration: int) -> Path:
-        """File that holds the state of an iteration's training while it is in progress."""
+        """File with the state of an iteration's training while it is in progress."""
         return self.folder / "checkpoints" / f"{iteration:03d}.safetensors"
 
     def summary_path(self, shard: str) -> Path:
@@ -348,7 +348,7 @@ def open_run(folder: Path | str) -> Run:
 
 
 def run_of_policy(policy: Path) -> Run | None:
-    """The run in whose folder a policy file lies (see `Run.policy_path`), or None if in none.
+    """The run whose folder contains a policy file (see `Run.policy_path`), or None.
 
     Raises:
         RunError: The run's config cannot be read.
