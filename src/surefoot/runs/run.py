@@ -267,6 +267,7 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
         resume: Whether a run in the folder may be resumed.
 
     Raises:
+        FileNotFoundError: The requested set of initial states does not exist.
         WriteError: The folder cannot be written to.
         RunError: The folder holds no run but other files, a run with another configuration, or a
             run and `resume` is False.

@@ -212,7 +212,7 @@ class LiveSimulation:
         self._command = command
 
     def set_gait(self, number: int) -> None:
-        """Ask for a gait, which begins at the start of one of its cycles, if possible while a foot stands.
+        """Ask for a gait; it begins at the start of a cycle, if possible while a foot stands.
 
         Args:
             number: The number of the gait.

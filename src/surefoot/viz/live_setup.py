@@ -286,9 +286,9 @@ def _measured_with(config: Config, _content: str) -> tuple[Config, str]:
 def start(setup: LiveSetup) -> LiveSimulation:
     """The simulation of a setup, from standing.
 
-    The guarded policy has the gate of the configured safety bounds, with the blocking of the run if its
-    method has one; several gaits share one table, which encloses the bounds of each. A robot may
-    tilt as far as in the evaluation of pushes, because many recover from that.
+    The guarded policy has the gate of the configured safety bounds, with the blocking of the run if
+    its method has one; several gaits share one table, which encloses the bounds of each. A robot
+    may tilt as far as in the evaluation of pushes, because many recover from that.
 
     Args:
         setup: What is driven.

@@ -145,7 +145,7 @@ class WalkingEnv(gymnasium.Env[Float32Array, Float32Array]):
 
 
 class WalkingVectorEnv(gymnasium.vector.VectorEnv[Float32Array, Float32Array, Array]):
-    """Robots that follow velocity commands in lockstep; between episodes, only the simulator loops over them.
+    """Robots that follow velocity commands in lockstep, in array code between resets.
 
     Args:
         num_envs: The number of robots.

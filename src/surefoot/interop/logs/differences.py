@@ -1,7 +1,7 @@
 """How two recordings of the same numbers differ: another order, sign, scale, frame, or time.
 
-A wiring mistake on a robot is mostly one of these. `explain` tries them one after the other, and says in words which one makes the two agree. Read `replay` for the recordings
-that are compared.
+A wiring mistake on a robot is mostly one of these. `explain` tries them one after the other, and
+says in words which one makes the two agree. Read `replay` for the recordings that are compared.
 """
 
 from __future__ import annotations
