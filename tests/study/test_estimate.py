@@ -5,14 +5,21 @@ from types import SimpleNamespace
 
 import pytest
 
-from surefoot.config import METHODS, BudgetConfig
+from surefoot.config import METHODS, BudgetConfig, ExpertData
 from surefoot.config.presets import preset
 from surefoot.config.single_gaits import each_gait
 from surefoot.config.study import Measurement, StudyConfig, Technique
 from surefoot.mpc.gaits import with_gaits
 from surefoot.study import estimate as module
 from surefoot.study.cells import jobs_of
-from surefoot.study.estimate import Rates, estimate_study, first_work, read_estimate, training_work
+from surefoot.study.estimate import (
+    Rates,
+    estimate_study,
+    expert_work,
+    first_work,
+    read_estimate,
+    training_work,
+)
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -120,3 +127,10 @@ def test_what_else_the_machine_computes_does_not_count(monkeypatch):
     monkeypatch.setattr(module, "cold_plans", measures(None))
     monkeypatch.setattr(module, "times_of", lambda _: SimpleNamespace(median=8.0))
     assert module.measure_rates(config) == Rates(plan=0.002, robot_second=1.0, step=0.001)
+
+
+def test_expert_data_begins_at_all_phases_of_the_gait():
+    data = ExpertData(velocities=2, perturbations=3, nominal=False, duration=1.0)
+    config = preset("dagger")
+    assert expert_work(config, data).robot_seconds == 2 * 3 * 10
+    assert expert_work(with_gaits(config, ["walk"]), data).robot_seconds == 2 * 3 * 20
