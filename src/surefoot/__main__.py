@@ -16,17 +16,17 @@ from surefoot.workers import ONE_THREAD
 os.environ.update(ONE_THREAD)
 
 INTERRUPTED = 130
-"""Exit status of a command that was interrupted, as of any that ends by Ctrl-C."""
+"""Exit status of an interrupted command, as for any command that Ctrl-C ends."""
 PATIENCE = 5.0
-"""[s] after a first Ctrl-C in which others are not heard: processes are ended, files are closed."""
+"""[s] Time after a first Ctrl-C in which others are ignored: processes end, files are closed."""
 
 
 class Interrupt:
     """The answer to Ctrl-C, to a closed terminal (SIGHUP), and to SIGTERM of a batch system.
 
-    The first one interrupts the work. What follows within a few seconds, as from a user who presses
-    twice, would interrupt the ending; what follows later ends this process at once, and the workers
-    end with it.
+    The first signal interrupts the work. Others within a few seconds, as from a user who presses
+    Ctrl-C twice, are ignored, since they would interrupt the cleanup; a later one ends this process
+    at once, and the workers end with it.
     """
 
     def __init__(self) -> None:
@@ -36,8 +36,8 @@ class Interrupt:
         """Answer a signal.
 
         Raises:
-            HangUp: It is the first, and says that the terminal has been closed.
-            KeyboardInterrupt: It is the first, and says something else.
+            HangUp: It is the first one, and the terminal has been closed.
+            KeyboardInterrupt: It is the first one, and any other signal.
         """
         if self.first is None:
             self.first = monotonic()
@@ -49,8 +49,8 @@ class Interrupt:
 def answer_signals() -> None:
     """Answer Ctrl-C, a closed terminal and SIGTERM; the first two only where they are not ignored.
 
-    A shell that is no terminal has its processes in the background ignore Ctrl-C, and `nohup` has
-    its command ignore that the terminal is closed.
+    A shell without a terminal makes its background processes ignore Ctrl-C, and `nohup` makes its
+    command ignore a closed terminal.
     """
     interrupt = Interrupt()
     signal.signal(signal.SIGTERM, interrupt)
@@ -60,10 +60,10 @@ def answer_signals() -> None:
 
 
 def leave_signals(status: int) -> None:
-    """Settle what signals do while Python itself ends, where no function can answer them.
+    """Set what signals do while Python itself shuts down, when no function can answer them.
 
     Args:
-        status: The exit status. After an interrupt it is to stay: a second one is ignored.
+        status: The exit status. After an interrupt, signals are ignored, so that it stays.
     """
     answer = signal.SIG_IGN if status == INTERRUPTED else signal.SIG_DFL
     signal.signal(signal.SIGTERM, answer)

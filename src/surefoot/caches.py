@@ -1,11 +1,11 @@
-"""Where compiled functions are kept from one process to the next, if the usual folders are closed.
+"""Keeps compiled functions between processes where the usual folders cannot be written to.
 
-numba keeps them beside the source, or below the user's home. In a container, in a batch job, or
+numba keeps them next to the source, or below the user's home. In a container, in a batch job, or
 where an administrator has installed the package, a user may be able to write to neither, and numba
-refuses to work. Then a private folder in the temporary directory takes their place. numba reads
-its variable when it is loaded, so that `import surefoot` settles it. Processes started later
-inherit the variables, and find them settled. What only such a user needs is imported where it is
-used: `import surefoot` stays fast for all others.
+refuses to work. Then a private folder in the temporary directory takes their place. numba reads its
+variable when it is loaded, so `import surefoot` sets it; processes started later inherit it.
+Modules that only such a user needs are imported where they are used, so that `import surefoot`
+stays fast for everyone else.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from contextlib import suppress
 NUMBA = "NUMBA_CACHE_DIR"
 """The variable that names numba's folder; its documentation lists the folders that it tries."""
 PICTURES = {"MPLCONFIGDIR": "matplotlib", "MESA_SHADER_CACHE_DIR": "mesa"}
-"""Variables that name folders below the user's home: of Matplotlib's fonts and of OpenGL's shaders;
+"""Variables that name folders below the user's home, for Matplotlib's fonts and OpenGL's shaders,
 and the names of the folders that take their place."""
 
 
 def settle_caches() -> None:
-    """Name a folder that can be written to, for each cache that has none, and say so once.
+    """Set a folder that can be written to for each cache that has none; warn if it is numba's.
 
     A variable that names such a folder already is left as it is.
     """
@@ -43,7 +43,7 @@ def settle_caches() -> None:
 
 
 def numba_folder() -> str | None:
-    """The folder in which numba keeps compiled functions; None if it may write to none."""
+    """The folder in which numba keeps compiled functions; None if it cannot write to any."""
     package = os.path.dirname(os.path.abspath(__file__))
     rooms = [entry.path for entry in os.scandir(package) if entry.is_dir()]
     given = os.environ.get(NUMBA)
@@ -56,10 +56,10 @@ def numba_folder() -> str | None:
 
 
 def can_be_written(folder: str) -> bool:
-    """Whether there is such a folder to write to, or it can be made; a relative one does not count.
+    """Whether a folder can be written to or created; a relative one does not count.
 
     Args:
-        folder: The path. It is relative where ``~`` could not be expanded, as there is no home.
+        folder: The path; it is relative if there is no home, so that ``~`` could not be expanded.
     """
     if not os.path.isabs(folder):
         return False
@@ -69,7 +69,7 @@ def can_be_written(folder: str) -> bool:
 
 
 def user_folder(name: str) -> str:
-    """The folder of the user's caches for what this package keeps under a name; it may not exist.
+    """The folder of this name among the user's caches of this package; it need not exist.
 
     It lies below the user's home, or in a private folder where that cannot be written to.
 
@@ -89,7 +89,7 @@ def user_folder(name: str) -> str:
 
 
 def _below_home(variable: str, folder: str) -> str:
-    """A folder of the user, wherever the XDG variable puts it."""
+    """A folder of the user: the one that the XDG variable names, or else one below the home."""
     return os.environ.get(variable) or os.path.join(os.path.expanduser("~"), folder)
 
 

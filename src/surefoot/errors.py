@@ -19,13 +19,13 @@ class HangUp(KeyboardInterrupt):
 
 
 def interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
-    """The interrupt that an error hides; None if it hides none.
+    """The interrupt that an error hides; None if there is none.
 
-    Where Ctrl-C lands while compiled code is called or loaded, that code may fail with an error of
-    its own, such as a SystemError or an ImportError, and the interrupt is only its cause.
+    If Ctrl-C arrives while compiled code is called or loaded, that code may raise another error,
+    such as a SystemError or an ImportError, of which the interrupt is only the cause.
 
     Args:
-        error: The error; its causes and contexts are looked at.
+        error: The error; its causes and contexts are searched too.
     """
     waiting: list[BaseException | None] = [error]
     seen: set[int] = set()
@@ -42,10 +42,10 @@ def interrupt_behind(error: BaseException) -> KeyboardInterrupt | None:
 
 @contextmanager
 def interrupts_held_back() -> Iterator[list[int]]:
-    """A context that Ctrl-C, a closed terminal and SIGTERM do not interrupt; it says which came.
+    """A context that Ctrl-C, a closed terminal and SIGTERM do not interrupt; it lists those sent.
 
-    That is where Python answers them: what the system does by itself is not changed. Only the main
-    thread is ever interrupted, so that in others nothing is held back.
+    Only signals that a Python function handles are held back; the system's own actions stay. Python
+    interrupts the main thread alone, so nothing is held back in others.
     """
     came: list[int] = []
     with ExitStack() as restoring:
@@ -58,7 +58,7 @@ def interrupts_held_back() -> Iterator[list[int]]:
 
 
 def shown(value: object) -> str:
-    """A value as a message shows it: of a long or a nested one, which a file may hold, a part.
+    """A value as a message shows it; a long or nested one, as from a file, is shortened.
 
     Args:
         value: What was given.
@@ -75,7 +75,7 @@ def unknown(what: str, value: str, allowed: Iterable[str]) -> str:
         allowed: The names that do exist.
 
     Returns:
-        A sentence that names the nearest of the names, if one is near, and all of them.
+        A sentence with the closest known name, if one is close, and all known names.
     """
     names = list(allowed)
     lower = {name.lower(): name for name in names}

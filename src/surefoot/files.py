@@ -1,10 +1,10 @@
-"""Files that are there whole or not at all, whenever the process is killed.
+"""Files that are written whole or not at all, whenever the process is killed.
 
-`write_atomic` is below every file of the package: a reader sees the old content or the new one,
-never a part. `write_json` and `save_arrays` write records with it. `check_output` says before the
-work whether a file could be written, `is_locked` whether another process has it, and `claim_file`
-keeps others from it. Read `config.json_io` and `config.array_io` next, which read the records
-again.
+`write_atomic` writes every file of the package: a reader sees the old content or the new, never a
+part. `write_json` and `save_arrays` use it for records. `check_output` checks before the work that
+a file could be written, `is_locked` tells whether another process has locked a file, and
+`claim_file` keeps others away from it. Read `config.json_io` and `config.array_io` next, which read
+the records back.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 STREAMS = {Path("/dev/stdin"): 0, Path("/dev/stdout"): 1, Path("/dev/stderr"): 2}
-"""Streams of this process that have names of their own, and their descriptors."""
+"""The streams of this process that have a path, and their descriptors."""
 DESCRIPTORS = (Path("/dev/fd"), Path("/proc/self/fd"))
-"""Folders that have the descriptors of this process as files."""
+"""Folders that list the descriptors of this process as files."""
 _locks: list[int] = []
 """Descriptors of locked files, never closed: closing any descriptor of a file releases its lock."""
 
@@ -46,13 +46,13 @@ class WriteError(OSError):
 
 @contextmanager
 def writing(path: Path | str) -> Iterator[None]:
-    """A context in which an `OSError` becomes one that names the file and says what to do.
+    """A context that turns an `OSError` into one that names the file and says what to do.
 
     Args:
-        path: The file or folder, or words for it.
+        path: The file or folder, or a description of it.
 
     Raises:
-        WriteError: Writing failed inside.
+        WriteError: Writing failed in the context.
     """
     try:
         yield
@@ -65,17 +65,17 @@ def writing(path: Path | str) -> Iterator[None]:
 def check_output(path: Path, *, suffixes: tuple[str, ...] = ()) -> None:
     """Check that `write_atomic` could write a file, before the work whose results it is to hold.
 
-    Nothing is written or made. Links, devices and pipes are allowed, as `write_atomic` writes what
-    they stand for; a device or a pipe has no format, so any name will do.
+    No file or folder is left behind. Links, devices and pipes are allowed, since `write_atomic`
+    writes to what they stand for; a device or a pipe has no format, so any name will do.
 
     Args:
         path: The file; its folder need not exist.
-        suffixes: Endings of a name that the format allows, such as ``(".png", ".svg")``, in lower
-            case; without any, all are allowed.
+        suffixes: The file name endings that the format allows, such as ``(".png", ".svg")``, in
+            lower case; if there are none, any ending is allowed.
 
     Raises:
         ValueError: The name has another ending.
-        WriteError: The path is a folder or empty, its folder can neither be written to nor be made,
+        WriteError: The path is a folder or empty, its folder can be neither written to nor created,
             or the name is too long.
     """
     try:
@@ -106,8 +106,8 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) ->
 
     The content is written under a temporary name in the same folder, flushed to the disk, and
     renamed. Even after a power cut the file is the old or the new one; after a kill in the middle,
-    only a hidden ``.NAME.PID.tmp`` may stay behind. A link stays, and its target is written. What
-    renaming would replace, devices and pipes such as ``/dev/stdout``, is written through.
+    only a hidden ``.NAME.PID.tmp`` may stay behind. A link stays, and its target is written.
+    Devices and pipes such as ``/dev/stdout``, which renaming would replace, are written directly.
 
     Args:
         path: The file; its folder is made if it does not exist.
@@ -135,9 +135,9 @@ def write_atomic(path: Path | str, content: bytes | Callable[[Path], object]) ->
 
 
 def _target(path: Path) -> Path:
-    """The file that a path stands for: of a link, what it points to."""
+    """The file that a path stands for: for a link, the file that it points to."""
     target = Path(os.path.realpath(path))
-    if target.is_symlink():  # of links that point to each other, there is no such file
+    if target.is_symlink():  # links that point to each other lead to no file
         raise OSError(errno.ELOOP, os.strerror(errno.ELOOP))
     return target
 
@@ -148,9 +148,9 @@ def _temporary(path: Path) -> Path:
 
 
 def whole_name(path: Path) -> str | None:
-    """The name that a file would have if `write_atomic` had not been killed; None of another file.
+    """The final name of a temporary file of `write_atomic`; None for any other file.
 
-    It may also be one that another process still writes.
+    The process that wrote it was killed, or is still writing.
     """
     if path.is_symlink() or not path.is_file():
         return None
@@ -168,7 +168,7 @@ def _write_content(path: Path, content: bytes | Callable[[Path], object]) -> Non
 
 def is_stream(path: Path) -> bool:
     """Whether a path is a device, a pipe or a stream of this process, which has no old content."""
-    # Standard output may be a file: what reads it holds that very file, and not the name.
+    # Standard output may be a file, but whoever reads it has that very file open, not its name.
     own_stream = path.parent in (Path("/dev"), *DESCRIPTORS)
     return own_stream or (path.exists() and not path.is_file() and not path.is_dir())
 
@@ -182,7 +182,7 @@ def _descriptor(path: Path) -> int | None:
 
 
 def _write_through(path: Path, content: bytes | Callable[[Path], object]) -> None:
-    """Write the content into what is there already."""
+    """Write the content to a device, a pipe or a stream of this process."""
     with TemporaryDirectory() as folder:
         whole = Path(folder) / "content"
         _write_content(whole, content)
@@ -190,7 +190,7 @@ def _write_through(path: Path, content: bytes | Callable[[Path], object]) -> Non
         if descriptor is None:
             path.write_bytes(whole.read_bytes())
             return
-        # Opened by its name, a file that the output is redirected to would lose what it has.
+        # Opening by name would empty a file that the output is redirected to.
         sys.stdout.flush()
         sys.stderr.flush()
         with os.fdopen(os.dup(descriptor), "wb") as stream:
@@ -213,7 +213,7 @@ def lock_file(path: Path) -> bool:
         path: The file.
 
     Returns:
-        False if another process has locked it, which no longer holds once that has ended.
+        False if another process has locked it; the lock ends with that process.
 
     Raises:
         WriteError: The file cannot be made.
@@ -231,10 +231,11 @@ def lock_file(path: Path) -> bool:
 
 
 def claim_file(path: Path) -> None:
-    """Keep other processes from going on with a file of results, until this one ends.
+    """Keep other processes from adding to a file of results until this one ends.
 
-    Each of two would write what it has read and measured itself, and what the other one measured
-    would be lost. What is locked lies beside the file, which is another one after each writing.
+    Each of two processes would write only what it has read and measured itself, and the
+    measurements of the other would be lost. The lock is on a second file in the same folder, since
+    each write replaces the file itself.
 
     Args:
         path: The file, which need not exist; a device or a pipe is free to everyone.
@@ -254,7 +255,7 @@ def claim_file(path: Path) -> None:
 
 
 def is_locked(path: Path) -> bool:
-    """Whether another process has locked a file; asking takes no lock, and loses none.
+    """Whether another process has locked a file; asking neither takes nor releases a lock.
 
     Args:
         path: The file; it need not exist, and may be read-only.
@@ -272,7 +273,7 @@ def is_locked(path: Path) -> bool:
 
 _IS_BSD = sys.platform == "darwin" or "bsd" in sys.platform
 _LOCK_KIND_AT = struct.calcsize("qqi") if _IS_BSD else 0
-"""Where the kind of a lock stands in C's ``struct flock``, whose order differs between systems."""
+"""Offset of the kind of a lock in C's ``struct flock``, whose order differs between systems."""
 
 
 def _lock_request() -> bytes:
@@ -285,7 +286,7 @@ def _lock_request() -> bytes:
 
 
 def _is_locked_here(path: Path) -> bool:
-    """Whether this process has locked a file: to open and close it would release the lock."""
+    """Whether this process has locked a file; opening and closing it would release the lock."""
     status = path.stat()
     return any(os.path.samestat(status, os.fstat(descriptor)) for descriptor in _locks)
 

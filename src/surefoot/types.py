@@ -25,13 +25,13 @@ BoolArray = NDArray[np.bool_]
 IntArray = NDArray[np.int64]
 
 TICKS_PER_SECOND = 1000
-"""Ticks of the one clock in a second."""
+"""Ticks of the clock per second."""
 TICK_NS = 10**9 // TICKS_PER_SECOND
-"""A tick [ns]."""
+"""The length of a tick [ns]."""
 GRID = 50
 """[ms] The node spacing of plans, and the period of replanning (BiConMP: 20 Hz)."""
 GRAVITY = 9.81
-"""[m/s^2] The gravity of planner and simulators alike."""
+"""[m/s^2] Gravity, in the planner and in the simulators."""
 LEGS = ("FL", "FR", "HL", "HR")
 """The legs: front left, front right, hind left, hind right."""
 JOINTS = tuple(f"{leg}_{joint}" for leg in LEGS for joint in ("HAA", "HFE", "KFE"))
@@ -44,10 +44,10 @@ def to_ticks(seconds: float) -> int:
 
 
 def one_flag_each(answer: object, batch: int, giver: object) -> BoolArray:
-    """Return an answer about B robots if it is one flag for each of them, and refuse any other.
+    """Return an answer about B robots if it has one flag for each, and refuse any other.
 
-    Whole numbers would pick rows instead of masking them, and a single flag would stand for
-    everyone.
+    Whole numbers would pick rows instead of masking them, and a single flag would apply to all
+    robots.
 
     Args:
         answer: What was answered.
@@ -79,15 +79,15 @@ class Command(NamedTuple):
 
     @property
     def gait(self) -> int:
-        """The number of the gait to walk; 0, the first one, unless it is a `GaitCommand`."""
+        """The number of the gait to walk: 0, the first one, unless this is a `GaitCommand`."""
         return 0
 
 
 class GaitCommand(Command):
     """A velocity command that also says which of several gaits to walk.
 
-    It has the three numbers of a `Command` of that velocity, so that whoever knows one gait alone
-    can take it for one; it equals one of the same gait.
+    Its three numbers are those of a `Command`, so code that handles a single gait can use it as
+    one. It equals any command with the same velocity and gait.
 
     Args:
         vx: Speed forward [m/s].
@@ -101,7 +101,7 @@ class GaitCommand(Command):
     def __new__(
         cls, vx: float = 0.0, vy: float = 0.0, yaw_rate: float = 0.0, gait: int = 0
     ) -> Self:
-        """Keep the gait beside the three numbers."""
+        """Store the gait in addition to the three numbers."""
         command = super().__new__(cls, vx, vy, yaw_rate)
         command._gait = gait
         return command
@@ -119,20 +119,20 @@ class GaitCommand(Command):
         return command
 
     def __eq__(self, other: object) -> bool:
-        """Whether the numbers are the same and the gait is; three bare numbers are of gait 0."""
+        """Whether the numbers and the gait are the same; a plain tuple has gait 0."""
         gait = other.gait if isinstance(other, Command) else 0
         return tuple.__eq__(self, other) is True and self._gait == gait
 
     def __ne__(self, other: object) -> bool:
-        """Whether it differs: a tuple has its own rule, which knows no gait."""
+        """Whether the two differ; the rule of `tuple` would ignore the gait."""
         return not self == other
 
     def __hash__(self) -> int:
-        """Equal for equal commands, and for three bare numbers in gait 0."""
+        """Equal for equal commands; with gait 0, the hash of the plain tuple."""
         return hash((*self, self._gait)) if self._gait else tuple.__hash__(self)
 
     def __repr__(self) -> str:
-        """All that makes it again."""
+        """The expression that creates an equal command."""
         return (
             f"GaitCommand(vx={self.vx!r}, vy={self.vy!r}, yaw_rate={self.yaw_rate!r}, "
             f"gait={self._gait!r})"
@@ -143,8 +143,7 @@ class GaitCommand(Command):
 class State:
     """The measured state of one robot, or of B robots in lockstep.
 
-    What follows from it (rotation, heading, roll and pitch) is computed once, when it is first
-    needed.
+    Rotation, heading, roll and pitch are computed once, when they are first needed.
 
     Attributes:
         q: ``(..., 19)`` configuration [m, unit quaternion, rad].
@@ -161,7 +160,7 @@ class State:
     contacts: BoolArray
 
     def __getitem__(self, index: int | slice | NDArray | tuple[Any, ...]) -> State:
-        """The state of one robot of a batch, or of a part of the batch or of its ticks."""
+        """The state of one robot of a batch, or of some of its robots or ticks."""
         return State(*(getattr(self, field.name)[index] for field in fields(self)))
 
     @cached_property
@@ -183,17 +182,18 @@ class State:
 def ground_height(state: State, foot_radius: float, before: Array | None = None) -> Array:
     """The height of the ground under robots as their feet feel it ``(...)`` [m].
 
-    It is the mean height of the lowest points of the feet that are loaded. Only joint angles, the
-    orientation of the base and the contacts enter into a height above it: a robot measures that
-    without a map. In flight no foot feels anything, and the ground is where it was before. Without
-    a memory it is at the lowest foot, the one that was loaded last or will be next: that jumps
-    neither where a flight begins nor where it ends, but in between it is too high by the clearance
-    of that foot. A pronk lifts all feet by half of a leg, and falls if it is planned from there.
+    It is the mean height of the lowest points of the loaded feet. A height above it depends only
+    on the joint angles, the orientation of the base and the contacts, so a robot measures it
+    without a map. In flight no foot feels the ground, which is taken to be where it was before.
+    If that is not remembered, it is taken to be at the lowest foot, the one that was loaded last
+    or will be next. Such a height does not jump when a flight begins or ends, but in between it is
+    too high by the clearance of that foot. In a pronk, all feet rise by half a leg length, and a
+    plan from there makes the robot fall.
 
     Args:
         state: States with any leading axes.
         foot_radius: The radius of the foot spheres [m].
-        before: ``(...)`` the height before, for robots in flight [m]; None if nobody remembers it.
+        before: ``(...)`` the previous height, for robots in flight [m]; None if not remembered.
     """
     z = state.feet[..., 2]
     loaded = np.where(state.contacts, z, 0.0)
@@ -206,11 +206,11 @@ def ground_height(state: State, foot_radius: float, before: Array | None = None)
 
 
 def lowered(state: State, by: Array) -> State:
-    """The same states with everything lower.
+    """The same states, with everything moved down.
 
     Args:
         state: States with any leading axes.
-        by: ``(...)`` how much [m].
+        by: ``(...)`` by how much [m].
     """
     q = state.q.copy()
     com = state.com.copy()
@@ -229,8 +229,8 @@ class MotionPlan:
         joint_position: ``(100, 12)`` reference joint angles [rad].
         joint_velocity: ``(100, 12)`` reference joint rates [rad/s].
         torque: ``(100, 12)`` feed-forward joint torques [N m].
-        valid: False if the plan must not be executed (it is not finite, has not converged, or
-            could be followed by no robot).
+        valid: False if the plan must not be executed (it is not finite, has not converged, or no
+            robot could follow it).
     """
 
     joint_position: Array
@@ -251,7 +251,7 @@ def plan_rows(motion: object) -> tuple[Array, bool]:
 
     Raises:
         ValueError: An array of the plan is not ``(ticks, 12)`` numbers.
-        TypeError: It is something else than a `MotionPlan`.
+        TypeError: It is not a `MotionPlan`, or its ``valid`` is not True or False.
     """
     if not isinstance(motion, MotionPlan):
         raise TypeError(
@@ -275,10 +275,10 @@ def plan_rows(motion: object) -> tuple[Array, bool]:
 
 
 def _numbers(name: str, values: object) -> NDArray:
-    """Return an array of a plan, which has to be one of real numbers.
+    """Return values of a plan as an array, after checking that they are real numbers.
 
     Raises:
-        ValueError: The values are no real numbers, or are no array.
+        ValueError: The values are not real numbers, or form no array.
     """
     try:
         array = np.asarray(values)

@@ -1,9 +1,8 @@
-"""Chunks of work over processes of this machine, or over a Ray cluster: the same results on both.
+"""Runs chunks of work in processes of this machine or on a Ray cluster, with the same results.
 
-A chunk is fixed by its argument alone, so results are the same for any number of workers. Few
-chunks are in progress at a time, and results are handed over as they arrive, so that memory does
-not grow with their number. A chunk whose worker dies is run again. Read `rollouts.jobs` next for
-what is run.
+The result of a chunk depends on its argument alone, not on the number of workers. Few chunks are in
+progress at a time, and results are handed over as they arrive, so memory does not grow with their
+number. A chunk whose worker dies is run again. Read `rollouts.jobs` next for what is run.
 """
 
 from __future__ import annotations
@@ -31,20 +30,20 @@ RETRIES = 2
 """How often a chunk is tried again when its worker dies."""
 
 PROCESSES_PER_CORE = 4
-"""At most so many processes are started for each core: more would only take memory."""
+"""Maximum number of processes started for each core; more would only take memory."""
 
 CONNECTION_TIMEOUT = 5.0
-"""[s] in which a cluster's address must take a connection."""
+"""[s] Time in which a cluster's address must accept a connection."""
 
 RAY_TIMEOUT = 60.0
-"""[s] in which a cluster must answer once it has taken a connection."""
+"""[s] Time in which a cluster must answer once it has accepted a connection."""
 
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-"""Environment of every process: the work is spread over processes, and bits may depend on the
-number of threads. It must be set before NumPy and PyTorch are loaded."""
+"""Environment of every process: the work is spread over processes, and the last bits of results
+may depend on the number of threads. It must be set before NumPy and PyTorch are loaded."""
 
 PARENT_INTERVAL = 0.5
-"""[s] A worker looks this often whether its parent is still there."""
+"""[s] Interval at which a worker checks whether its parent is still there."""
 
 
 def default_workers() -> int:
@@ -57,8 +56,8 @@ class Workers:
     """The processes that do the work; results never depend on them.
 
     Attributes:
-        count: Number of processes; 1 works in this process. A Ray cluster uses all its cores. On
-            this machine no more than four are started for each of its cores.
+        count: Number of processes; with 1, this process does the work. A Ray cluster uses all its
+            cores. On this machine, at most four are started for each core.
         backend: Where the processes run: ``loky`` (on this machine) or ``ray`` (on a cluster).
         ray_address: Address of a running cluster, ``auto`` or host:port; without one, Ray is
             started on this machine.
@@ -115,7 +114,7 @@ def each_chunk(
     """
     from tqdm import tqdm  # which a robot's computer does not have
 
-    if not chunks:  # as in many stages of a resumed run, for which no process is to start
+    if not chunks:  # as in many stages of a resumed run, for which no process should start
         return
     if workers.backend == "ray":
         results = _spread(_Cluster(function, workers), chunks, title)
@@ -137,7 +136,7 @@ class _Pool(Protocol):
     """Runs tasks elsewhere; a task is a handle that only the pool understands."""
 
     def room(self) -> int:
-        """How many tasks may be in progress: enough that a worker never waits for its next."""
+        """How many tasks may be in progress: enough that no worker waits for its next one."""
         ...
 
     def start(self, chunk: Any) -> Any:
@@ -264,9 +263,9 @@ class _Processes:
 
 @contextmanager
 def _ctrl_c_held_back() -> Iterator[None]:
-    """Hold Ctrl-C and the end of the terminal back; processes started meanwhile never see them.
+    """Hold back the signals of Ctrl-C and a closed terminal, also from processes started meanwhile.
 
-    A terminal sends them to all its processes. This process ends its workers itself; they would
+    A terminal sends them to all of its processes. This process ends its workers itself; they would
     only print a traceback, perhaps before any of this package's code runs in them.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
@@ -277,10 +276,10 @@ def _ctrl_c_held_back() -> Iterator[None]:
 
 
 def end_with_the_parent(parent: int) -> None:
-    """Make this worker end when its parent does, a process id, however that ends.
+    """Make this worker end when its parent, given by its process id, ends for any reason.
 
-    A thread looks for it: Linux's own signal comes when the parent's thread ends that started the
-    worker, even if the parent goes on.
+    A thread checks for that: Linux's own signal comes as soon as the thread that started the worker
+    ends, even if the parent runs on.
     """
 
     def watch() -> None:
@@ -348,7 +347,7 @@ def connected(workers: Workers) -> Any:
         ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **options)
 
     try:
-        address = workers.ray_address or "local"  # without it, Ray would join what it finds
+        address = workers.ray_address or "local"  # otherwise Ray joins any cluster that it finds
         if address == "local":
             connect(address, num_cpus=workers.started, include_dashboard=False)
         else:
@@ -359,10 +358,10 @@ def connected(workers: Workers) -> Any:
 
 
 def _join(address: str, connect: Callable[[str], object]) -> None:
-    """Connect to a cluster, or find out soon that there is none.
+    """Connect to a cluster, or find out quickly that there is none.
 
-    Ray tries for minutes, and hears no signal meanwhile. So the address is tried first, and Ray
-    connects in a thread of its own, which is left behind if it does not come back.
+    Ray tries for minutes, and ignores signals meanwhile. So the address is tried first, and Ray
+    connects in a separate thread, which is abandoned if it does not return.
 
     Args:
         address: Host and port, or a word such as ``auto``.
@@ -385,7 +384,7 @@ def _join(address: str, connect: Callable[[str], object]) -> None:
             socket.create_connection((parts.hostname, parts.port), CONNECTION_TIMEOUT).close()
         threading.Thread(target=call, daemon=True).start()
         done.result(RAY_TIMEOUT)
-    except (OSError, ValueError) as error:  # or the port is no number
+    except (OSError, ValueError) as error:  # or the port is not a number
         reason = str(error) or f"no answer within {RAY_TIMEOUT:.0f} s"
         raise ValueError(
             f"there is no Ray cluster at {address!r} ({reason}); start one with "
@@ -394,6 +393,6 @@ def _join(address: str, connect: Callable[[str], object]) -> None:
 
 
 def _answer_sigterm_by(handler: Any) -> None:
-    """Give SIGTERM back to the handler that the caller had set; Ray takes it over."""
+    """Give SIGTERM back to the handler that the caller had set, since Ray replaces it."""
     if handler is not None and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, handler)

@@ -1,9 +1,10 @@
-"""The bridge: a robot's driver behind datagrams, with a watchdog of its own.
+"""The bridge: connects a robot's driver to the runtime by datagrams, with its own watchdog.
 
-It runs in the driver's own environment and needs Python 3.8 or later, and `protocol.py` beside it;
-copy both files. The bridge damps the joints until a first command comes, and again, for the
-rest of the session, once the commands stop, are too old, are broken, or the runtime asks for it
-(`Bridge` says what ends a session). A driver's fault latches for good. Read `protocol` first.
+It runs in the driver's own environment and needs Python 3.8 or later, and `protocol.py` in the same
+folder; copy both files. The bridge damps the joints until a first command comes. It damps them
+again, for the rest of the session, once the commands stop, answer states that are too old or are
+broken, or the runtime asks for it (`Bridge` says what ends a session). A driver's fault latches for
+good. Read `protocol` first.
 
     serve(Bridge(MyDriver(), UdpChannel(), description))
 """
@@ -23,15 +24,15 @@ from typing import Any, NamedTuple, Protocol, Tuple  # noqa: UP035
 
 if __package__:
     from surefoot.deploy import protocol
-else:  # copied, with protocol.py beside it
+else:  # copied, with protocol.py in the same folder
     import protocol  # pyright: ignore
 
 Address = Tuple[str, int]  # noqa: UP006 - Python 3.8 has no tuple[]
 """A host and a port."""
 MOST_DATAGRAMS = 64
-"""Maximum number of datagrams read in a tick, so that a flood does not delay the driver."""
+"""Maximum number of datagrams read per tick, so that a flood does not delay the driver."""
 RELEASE = 1.0
-"""[s] Silence of the former runtime after which a latched bridge greets a new one."""
+"""[s] Silence of the former runtime after which an idle or latched bridge greets a new one."""
 
 
 class Measurement(NamedTuple):
@@ -45,7 +46,7 @@ class Measurement(NamedTuple):
         angular_velocity: Angular velocity of the base, base frame [rad/s].
         acceleration: Specific force at the base, base frame [m/s^2].
         base: Height [m] and linear velocity in the base frame [m/s]; None if nothing measures them.
-        faults: Bits of the driver's faults; anything but 0 latches the bridge for good.
+        faults: The driver's fault bits; any value but 0 latches the bridge for good.
     """
 
     joint_position: Sequence[float]
@@ -59,7 +60,7 @@ class Measurement(NamedTuple):
 
 
 class Driver(Protocol):
-    """What a bridge needs of a robot's driver; neither method may wait for long."""
+    """What a bridge needs from a robot's driver; neither method may wait for long."""
 
     def read(self) -> Measurement:
         """What the robot measures now; it raises an error once the robot has gone silent."""
@@ -75,14 +76,14 @@ class Driver(Protocol):
 
 
 class Channel(Protocol):
-    """Carries datagrams, and never waits."""
+    """Carries datagrams; only `wait` waits."""
 
     def receive(self) -> tuple[bytes, Address] | None:
         """A datagram and its sender; None if there is none."""
         ...
 
     def send(self, data: bytes, to: Address) -> None:
-        """Send a datagram, which may be lost."""
+        """Send a datagram, which may get lost."""
         ...
 
     def wait(self, seconds: float) -> None:
@@ -95,11 +96,11 @@ class Channel(Protocol):
 
 
 class UdpChannel:
-    """A channel on UDP; on the loopback interface unless told otherwise.
+    """A channel over UDP, on the loopback interface by default.
 
     Args:
         host: The address of the interface to listen on.
-        port: The port to listen on; 0 takes any that is free.
+        port: The port to listen on; 0 takes any free one.
     """
 
     def __init__(self, host: str = "127.0.0.1", port: int = 0) -> None:
@@ -112,7 +113,7 @@ class UdpChannel:
         """See `Channel`."""
         try:
             return self._socket.recvfrom(protocol.LONGEST + 1)
-        except OSError:  # none is there, or an earlier one found nobody
+        except OSError:  # there is none, or an earlier one could not be delivered
             return None
 
     def send(self, data: bytes, to: Address) -> None:
@@ -132,18 +133,18 @@ class UdpChannel:
 class Bridge:
     """Passes commands on to a driver, and damps the joints as soon as that is not safe.
 
-    The first runtime that says hello is pinned: datagrams of others are counted and ignored. A
-    session ends when another hello is granted. A bridge that is idle or latched grants one after
-    its peer has been silent for `RELEASE`; one that the driver latched stays so in all sessions.
+    The first runtime that says hello is pinned as the peer: datagrams from others are counted and
+    ignored. A session ends when another hello is granted. A bridge that is idle or latched grants
+    one after its peer has been silent for `RELEASE`. A latch by the driver stays in all sessions.
 
     Args:
         driver: The robot's driver.
         channel: Carries the datagrams.
         description: The robot, and the timeouts.
-        clock: Gives the time [ns]; it never goes backwards.
+        clock: Gives the time [ns]; it never runs backwards.
 
     Raises:
-        ValueError: Limits or timeouts of the description would keep no robot safe.
+        ValueError: The description's limits or timeouts cannot keep a robot safe.
     """
 
     def __init__(
@@ -162,8 +163,8 @@ class Bridge:
         self.old = 0
         self.commands = 0
         self.accepted = 0
-        self.heard = 0  # datagrams of the peer, repeated ones and greetings included
-        self.turned_away = 0  # greetings of other runtimes
+        self.heard = 0  # datagrams from the peer, repeated ones and greetings included
+        self.turned_away = 0  # greetings from other runtimes
         self.peer: Address | None = None
         self._driver = driver
         self._channel = channel
@@ -172,7 +173,7 @@ class Bridge:
             description.robot, description.joints, description.rate_hz
         )
         self._session = 0
-        self._sequence = 0  # of the newest datagram of the peer
+        self._sequence = 0  # the number of the newest datagram from the peer
         self._sent = 0
         self._heard_at = 0
         self._commanded_at = 0
@@ -183,7 +184,7 @@ class Bridge:
         self._measured = driver.read()
 
     def tick(self) -> None:
-        """Read the datagrams, watch over them, serve the driver, and say what it measured."""
+        """Read the datagrams, watch over the commands, serve the driver, and send a state."""
         self.receive()
         self.advance()
 
@@ -197,10 +198,10 @@ class Bridge:
             self._take(*received, now)
 
     def advance(self) -> None:
-        """Watch over the commands, serve the driver, and say what it measured.
+        """Watch over the commands, serve the driver, and send a state.
 
         Raises:
-            KeyboardInterrupt: It was interrupted, also where the driver hides that.
+            KeyboardInterrupt: The tick was interrupted, even if the driver hides that.
         """
         self._watch(self._clock())
         driving = self.status == protocol.DRIVING
@@ -218,7 +219,7 @@ class Bridge:
         self.report()
 
     def report(self) -> None:
-        """Tell the peer what was measured last, and how the bridge is."""
+        """Send the peer the last measurement, and the status of the bridge."""
         if self.peer is None:
             return
         measured = self._measured
@@ -238,7 +239,7 @@ class Bridge:
         self._send(protocol.STATE, protocol.pack_state(state))
 
     def release(self) -> None:
-        """Give up a peer that has gone: the joints are damped, and the next hello is granted."""
+        """Give up a peer that has gone: damp the joints, and grant the next hello."""
         self._latch(protocol.SILENCE)
         self.peer = None
 
@@ -250,7 +251,7 @@ class Bridge:
         self._channel.close()
 
     def _take(self, data: bytes, sender: Address, now: int) -> None:
-        """Do what a datagram says, if it is one that counts."""
+        """Do what a datagram says, if it is valid."""
         try:
             packet = protocol.unpack(data)
         except protocol.Refused:
@@ -274,7 +275,7 @@ class Bridge:
         self.heard += sender == self.peer
 
     def _greet(self, sender: Address, hello: protocol.Packet, now: int) -> None:
-        """Answer a hello, perhaps again, and begin a session where none is going on."""
+        """Answer a hello, perhaps a repeated one, and begin a session if another may begin."""
         silent = now - self._heard_at >= RELEASE * 1e9
         fresh = sender == self.peer and self.status == protocol.IDLE and self._sequence == 0
         if not fresh and (self.peer is None or (silent and self.status != protocol.DRIVING)):
@@ -302,7 +303,7 @@ class Bridge:
         self._peers_clock = packet.time_ns
 
     def _obey(self, packet: protocol.Packet, now: int) -> None:
-        """Take a command over, unless it is broken."""
+        """Adopt a command, unless it is broken."""
         self._accept(packet, now)
         if self.status == protocol.LATCHED:
             return
@@ -320,20 +321,20 @@ class Bridge:
         """Latch if the commands have stopped, or answer states that are too old."""
         if self.status != protocol.DRIVING:
             return
-        next_tick = now + round(1e9 / self.description.rate_hz)  # which would be too late
+        next_tick = now + round(1e9 / self.description.rate_hz)  # latching then is too late
         if next_tick - self._commanded_at > self.description.command_timeout * 1e9:
             self._latch(protocol.SILENCE)
         elif next_tick - self._answered > self.description.command_age * 1e9:
             self._latch(protocol.OLD_STATE)
 
     def _fail(self, error: Exception) -> None:
-        """Latch for good after an error of the driver; an interrupt that it hides is raised."""
+        """Latch for good after an error of the driver, and raise an interrupt that it hides."""
         self._latch(protocol.DRIVER)
         if _hides_interrupt(error):
             raise KeyboardInterrupt from error
 
     def _latch(self, cause: int) -> None:
-        """Damp the joints from now on; a driver's fault takes the place of any other cause."""
+        """Damp the joints from now on; a driver's fault replaces any other cause."""
         if self.status != protocol.LATCHED or cause == protocol.DRIVER:
             self.status = protocol.LATCHED
             self.cause = cause
@@ -349,7 +350,7 @@ class Bridge:
 
 
 def _hides_interrupt(error: BaseException | None) -> bool:
-    """Whether Ctrl-C is behind an error: compiled code makes an error of its own of it."""
+    """Whether Ctrl-C is behind an error: compiled code turns it into an error of its own."""
     for _ in range(99):  # causes may form a circle
         if isinstance(error, KeyboardInterrupt):
             return True
@@ -358,7 +359,7 @@ def _hides_interrupt(error: BaseException | None) -> bool:
 
 
 def _let_interrupt() -> dict[signal.Signals, Any]:
-    """Let SIGTERM and SIGHUP interrupt as Ctrl-C does; what unanswered signals did before."""
+    """Let SIGTERM and SIGHUP interrupt as Ctrl-C does; return the former actions of the signals."""
     main = current_thread() is main_thread()
     answered: dict[signal.Signals, Any] = {}
     for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if main else ():
@@ -370,21 +371,21 @@ def _let_interrupt() -> dict[signal.Signals, Any]:
 
 
 def _answer(signals: dict[signal.Signals, Any]) -> None:
-    """Let signals do what is given."""
+    """Set the actions of signals."""
     for each, answer in signals.items():
         signal.signal(each, answer)
 
 
 def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
-    """Tick at the robot's rate until told otherwise, or by Ctrl-C, SIGTERM or SIGHUP; then damp.
+    """Tick at the robot's rate until told to stop, or until Ctrl-C, SIGTERM or SIGHUP; then damp.
 
     Args:
         bridge: The bridge.
-        running: Asked before every tick; False ends it.
+        running: Called before every tick; False ends the loop.
     """
     period = 1.0 / bridge.description.rate_hz
     due = time.monotonic()
-    with ExitStack() as ending:  # from the last one to the first, whatever is raised
+    with ExitStack() as ending:  # runs the callbacks from last to first, whatever is raised
         answered = _let_interrupt()
         ending.callback(_answer, answered)
         ending.callback(bridge.close)

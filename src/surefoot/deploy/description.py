@@ -1,7 +1,7 @@
-"""What an exported policy says about itself, as one record: all that running it safely takes.
+"""The description of an exported policy, one record with all that is needed to run it safely.
 
-It stands as JSON under the key `surefoot` in the file's metadata, at full precision. Read `policy`
-next, which runs such a file, and `docs/export.md` for the keys.
+It is stored as JSON under the key `surefoot` in the file's metadata, at full precision. Read
+`policy` next, which runs such a file, and `docs/export.md` for the keys.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND, Array
 EXPORT_FORMAT = 1
 """Version of the description."""
 Kind = Literal["network", "pipeline"]
-"""What the graph of a file holds: the network alone, or all from the sensors to the targets."""
+"""What the graph of a file contains: the network alone, or all from the sensors to the targets."""
 KEY = "surefoot"
 """The key of the description in a file's metadata."""
 NO_HASH = "0" * 64
-"""Stands in place of the hash while the hash is computed."""
+"""Takes the place of the hash while the hash is computed."""
 
 Numbers = tuple[float, ...]
 """One number for each joint."""
@@ -36,7 +36,7 @@ Triple = tuple[float, float, float]
 
 
 class ExportFileError(ValueError):
-    """An exported file is damaged, or made for something else than asked for."""
+    """An exported file is damaged, or was made for something other than requested."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class TermDescription:
 
     Attributes:
         name: Its name.
-        size: The number of its numbers.
+        size: How many numbers it has.
         unit: Their unit.
         frame: The frame that they are expressed in, or what they are measured from.
     """
@@ -75,7 +75,7 @@ class HistoryDescription:
 
 @dataclass(frozen=True)
 class StartRange:
-    """The initial states that a policy was trained from: it drives from such postures only.
+    """The initial states that a policy was trained on; it may only take over in such postures.
 
     Attributes:
         roll: Smallest and largest roll [rad].
@@ -92,41 +92,40 @@ class StartRange:
 
 @dataclass(frozen=True)
 class PolicyDescription:
-    """Everything that a file says besides its graph.
+    """Everything that a file says in addition to its graph.
 
     Attributes:
         format: Version of the description.
-        kind: What the graph holds.
+        kind: What the graph contains.
         robot: Name of the robot.
         joints: ``(12,)`` names of the joints, in the order of inputs and outputs.
-        source_joints: ``(12,)`` what the robot's own description calls them.
-        rate_hz: How often the policy is to be asked [Hz].
+        source_joints: ``(12,)`` their names in the robot's own description.
+        rate_hz: How often the policy must run [Hz].
         kp: ``(12,)`` stiffness of the joints [N m/rad].
         kd: ``(12,)`` damping of the joints [N m s/rad].
         layout: Name of the layout of the observation.
         observation: The parts of the observation, in order; the history follows them.
         history: What is remembered; None for nothing.
-        goal: The parts of the goal, which follow.
-        phase: How the gait clock is given.
+        goal: The parts of the goal, which come last.
+        phase: How the gait clock is encoded.
         height: How the height of the base is measured, if it is a part.
         gaits: The gaits, each with its period [ms], duty factor and phase offsets of the legs.
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
         torque_limit: ``(12,)`` largest joint torques [N m]; torques are clipped to them.
         speed_limit: ``(12,)`` largest joint rates [rad/s]; None where there is none.
         position_limit: ``(12, 2)`` smallest and largest joint angles [rad]; None where none.
-        profile: Name of the hardware profile that the limits are those of; None without.
+        profile: Name of the hardware profile that the limits come from; None without.
         nominal: ``(12,)`` joint angles of the standing robot [rad].
         start_range: The initial states trained on; None if unknown.
-        delay_ms: The delay of the torques that it was trained with [ms].
+        delay_ms: The delay of the torques in training [ms].
         kinematics: The robot's geometry and masses.
-        provenance: Anything about the origin of the policy, by name, as JSON has it.
+        provenance: Anything about the origin of the policy, as JSON values by name.
         policy_sha256: SHA-256 of the policy file that was exported.
-        sha256: SHA-256 of this file, its own digits replaced by zeros.
+        sha256: SHA-256 of this file, with the digits of the hash replaced by zeros.
         bounds: The safety bounds that it was trained under; None if unknown, as in older files.
 
     Raises:
-        ValueError: A list has another length than the robot has joints, or a number is out of
-            range.
+        ValueError: A list does not have one value for each joint, or a number is out of range.
     """
 
     format: int
@@ -176,7 +175,7 @@ class PolicyDescription:
 
     @property
     def spec(self) -> ObservationSpec:
-        """The same layout as the package knows it.
+        """The same layout, in the form that the rest of the package uses.
 
         Raises:
             ValueError: A part has another size, unit or frame than in this version.
@@ -200,7 +199,7 @@ class PolicyDescription:
 
 @dataclass(frozen=True)
 class LayoutTerms:
-    """The parts of a network's input, as they are described.
+    """The parts of a network's input, as the description lists them.
 
     Attributes:
         observation: The parts of the observation, in order.
@@ -217,7 +216,7 @@ def layout_terms(spec: ObservationSpec) -> LayoutTerms:
     """The parts of a network's input.
 
     Args:
-        spec: The layout, as the package knows it.
+        spec: The layout, in the form that the rest of the package uses.
     """
     history = spec.layout.history
     described = None
@@ -235,7 +234,7 @@ def layout_terms(spec: ObservationSpec) -> LayoutTerms:
 
 
 def _terms(names: tuple[str, ...]) -> tuple[TermDescription, ...]:
-    """Parts of the observation by name, as they are described."""
+    """The descriptions of parts of the observation, by name."""
     return tuple(TermDescription(name, *PARTS[name]) for name in names)
 
 
@@ -252,7 +251,7 @@ def file_hash(content: bytes, sha256: str) -> str:
         sha256: The hash that the file gives.
 
     Raises:
-        ValueError: It is not there exactly once.
+        ValueError: The hash is not in the file exactly once.
     """
     digits = sha256.encode()
     if len(digits) != len(NO_HASH) or content.count(digits) != 1:

@@ -1,6 +1,6 @@
-"""One drive: ticks until the robot is damped for good, and the report of it.
+"""One drive: ticks until the robot is damped for good, and a report.
 
-Read `recorder` for what is kept of it.
+Read `recorder` for what is recorded.
 """
 
 from __future__ import annotations
@@ -24,17 +24,17 @@ class DriveReport:
     """What happened on a robot.
 
     Attributes:
-        fault: The name of the fault that ended it; empty if the operator did.
+        fault: The name of the fault that ended the drive; empty if the operator ended it.
         detail: What was measured, and what is allowed.
         seconds: How long the policy or the expert drove [s].
-        expert_seconds: How long the expert did [s].
+        expert_seconds: How long the expert drove [s].
         takeovers: How often the expert took over.
         ticks: How many ticks there were, those before and after driving included.
         missed: How many ticks of the robot had no command in time.
         work: Times from a measurement to the written command.
-        round_trip: Times from a command to the state that knows of it.
+        round_trip: Times from a command to the state that answers it.
         recording: The file with the last ten seconds; empty if none was written.
-        unwritten: Why that file could not be written; empty if it was, or was not to be.
+        unwritten: Why that file could not be written; empty if it was, or need not be.
     """
 
     fault: str
@@ -51,16 +51,16 @@ class DriveReport:
 
 
 def drive(runtime: Runtime, recording: Path | None, always: bool = False) -> DriveReport:
-    """Tick until the robot is damped for good; it is damped too if this is interrupted.
+    """Tick until the robot is damped for good; an interrupt damps it, too.
 
     Args:
         runtime: The loop.
-        recording: The file for the last ten seconds, which are written after a fault; if it is
-            there already, the first of NAME-2, NAME-3, ... that is not. None writes none.
-        always: Whether they are written without a fault too.
+        recording: The file for the last ten seconds, which are written after a fault; if it
+            exists, the first of NAME-2, NAME-3, ... that does not. None writes none.
+        always: Whether they are also written without a fault.
 
     Returns:
-        What happened; it also says why the recording could not be written, if it could not.
+        What happened, and why the recording could not be written, if so.
     """
     try:
         with without_pauses():
@@ -74,7 +74,7 @@ def drive(runtime: Runtime, recording: Path | None, always: bool = False) -> Dri
         with interrupts_held_back():
             for _ in range(LAST_WORDS):
                 runtime.damp()
-    # It is over; a Ctrl-C that only comes now would cost the recording, and stop nothing.
+    # The drive is over; a Ctrl-C that comes now would only destroy the recording.
     with interrupts_held_back():
         return _recorded(runtime, recording, always)
 
@@ -87,13 +87,13 @@ def _recorded(runtime: Runtime, recording: Path | None, always: bool) -> DriveRe
     report = report_of(runtime, str(file))
     try:
         save_flight(file, runtime.recorder.flight(report.fault, report.detail))
-    except WriteError as error:  # the reason of the fault must not be lost with it
+    except WriteError as error:  # the reason for the fault must not be lost with the recording
         return report_of(runtime, unwritten=str(error))
     return report
 
 
 def unused(path: Path) -> Path:
-    """A path at which no file is yet: this one, or the first of NAME-2, NAME-3, ... that is free.
+    """A path without a file: this one, or the first of NAME-2, NAME-3, ... that is free.
 
     Args:
         path: The path; a device or a pipe is taken as it is.

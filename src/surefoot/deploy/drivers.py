@@ -1,9 +1,9 @@
-"""Who drives a robot in each tick, the policy or the expert, and what the joints are commanded.
+"""Who drives a robot in each tick, the policy or the expert, and the command to the joints.
 
-The policy drives; where a switch says so the expert does, once its first plan is there. Whoever
-does not drive is asked all the same: what a processor has not run for a second it runs slowly, and
-without that the first tick after a hand-over takes up to 18 ms. In lockstep the robot waits, so
-that nobody else is asked. Read `loop` next.
+The policy drives; where a switch says so, the expert drives, once its first plan has come. The one
+that does not drive runs all the same: a processor runs code slowly that it has not run for a
+second, and without this the first tick after a handover takes up to 18 ms. In lockstep the robot
+waits, so only the one that drives runs. Read `loop` next.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from surefoot.deploy.interfaces import (
 from surefoot.types import Command
 
 FIRST_ANSWERS = 10
-"""Number of answers that are asked for before the robot stands up."""
+"""Number of rehearsals before the robot stands up."""
 
 
 class Unguarded(RuntimeError):  # noqa: N818
@@ -34,12 +34,12 @@ class Drivers:
 
     Args:
         policy: The policy.
-        safeguard: The expert, and who says where it drives.
+        safeguard: The expert, and the switch that decides when it drives.
         lockstep: Whether the robot waits for its commands.
 
     Attributes:
-        driven: How many ticks of the robot the policy or the expert drove, unseen ones too.
-        expert_ticks: How many of them the expert drove.
+        driven: How many ticks of the robot the policy or the expert drove, unseen ones included.
+        expert_ticks: How many of these the expert drove.
         takeovers: How often the expert took over.
         expert_drives: Whether the expert drove in the last tick.
     """
@@ -62,7 +62,7 @@ class Drivers:
         return self._expert is not None
 
     def begin(self, sensors: Sensors, gait: int) -> None:
-        """Begin an episode, in which the policy drives first, as far as the switch lets it.
+        """Begin an episode, in which the policy drives first, unless the switch objects.
 
         Args:
             sensors: What the robot measures.
@@ -79,14 +79,14 @@ class Drivers:
             self._switch.reset()
 
     def release(self) -> None:
-        """Let nobody drive: the robot stands."""
+        """Let neither the policy nor the expert drive: the robot stands."""
         self.expert_drives = False
         self._expert_has_to = False
         if self._expert is not None:
             self._expert.release()
 
     def warm_up(self, sensors: Sensors) -> None:
-        """Ask for first answers, which take long: code is compiled.
+        """Rehearse the first ticks, which take long, as code is compiled.
 
         Args:
             sensors: What the robot measures.
@@ -100,7 +100,7 @@ class Drivers:
 
         Args:
             sensors: What the robot measures.
-            velocity: The velocity that is asked for.
+            velocity: The commanded velocity.
         """
         if not self._lockstep:
             self._rehearse(sensors, velocity)
@@ -108,20 +108,20 @@ class Drivers:
     def command(
         self, sensors: Sensors, tick: int, velocity: Command, gait: int, unseen: int
     ) -> JointCommand:
-        """What whoever drives commands in this tick.
+        """The command of the policy or the expert in this tick.
 
         Args:
             sensors: What the robot measures.
             tick: The gait clock [ms].
-            velocity: The velocity that is asked for.
-            gait: The number of the gait that is asked for.
-            unseen: How many ticks nobody saw since the last one.
+            velocity: The commanded velocity.
+            gait: The number of the commanded gait.
+            unseen: How many ticks were unseen since the last one.
 
         Raises:
             Unguarded: The expert has to drive, and there is none.
             NoPlan: The expert has no plan to drive with.
-            Fallen: Nobody can drive this robot any more.
-            MissingBase: Whoever is asked needs what the robot does not measure.
+            Fallen: Neither the policy nor the expert can drive this robot any more.
+            MissingBase: Policy, expert or switch needs a base that is not measured.
         """
         self.driven += 1 + unseen
         self._policy.miss(unseen)
@@ -152,7 +152,7 @@ class Drivers:
             if self._expert_has_to:
                 raise Unguarded("the gate calls the state unsafe, and there is no expert")
             return None
-        # A plan is asked for ahead, in the gait that is walked when it takes effect.
+        # A plan is requested ahead, in the gait that is walked when it takes effect.
         ahead = self._gaits.command(velocity, tick + self._expert.latency)
         if not self._expert_has_to:
             if had_to:
@@ -164,11 +164,11 @@ class Drivers:
         return self._expert.command(sensors, tick, ahead)
 
     def _is_told(self, sensors: Sensors) -> bool:
-        """Whether the robot measures at this moment what the policy needs."""
+        """Whether the robot now measures what the policy needs."""
         return sensors.base is not None or not self._policy.needs_base
 
     def _rehearse(self, sensors: Sensors, velocity: Command) -> None:
-        """Ask all who may drive as if they did; each begins anew with the episode."""
+        """Run policy, switch and expert as if they drove; all are reset when an episode begins."""
         if not self._is_told(sensors):
             return
         self._policy.rehearse(sensors, 0, velocity)

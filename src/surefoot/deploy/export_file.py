@@ -1,7 +1,7 @@
-"""Reads exported files, and refuses those that must not run; everything is checked first.
+"""Reads exported files, and refuses those that must not run.
 
-Hash, version, robot, order of the joints, layout, and whether the graph fits them. Read `policy`
-next, which runs what was read, and `description` for what a file says.
+It first checks hash, version, robot, order of the joints, layout, and whether the graph fits them.
+Read `policy` next, which runs what was read, and `description` for what a file says.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from surefoot.errors import shown
 from surefoot.types import JOINTS
 
 MOST_BYTES = 300_000_000
-"""[B] No exported file is larger."""
+"""[B] Maximum size of an exported file."""
 _AGAIN = "copy it again, or export it again: `surefoot export POLICY --onnx FILE`"
 
 
@@ -34,10 +34,10 @@ class ExportFile:
     """An exported file that has been checked.
 
     Attributes:
-        path: Where it lies.
+        path: Its path.
         content: Its bytes.
-        description: What it says.
-        metadata: All keys of its metadata.
+        description: Its description.
+        metadata: All of its metadata, by key.
     """
 
     path: Path
@@ -56,15 +56,15 @@ def read_export(
 
     Args:
         path: The file.
-        robot: Name of the robot that it has to be made for; None takes that of any.
+        robot: Name of the robot that it must be made for; None accepts any.
         joints: ``(12,)`` names of the robot's joints, in the order in which it sends them; None is
             the order of `JOINTS`.
-        layout: Name of the layout that it has to have; None takes any.
+        layout: Name of the layout that it must have; None accepts any.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ExportFileError: It is cut short or changed, of a newer version, of a gait that no robot
-            walks, or made for another robot, another order of joints, or another layout; the
+        ExportFileError: It is truncated or changed, has another version, has a gait that no robot
+            walks, or was made for another robot, another order of joints, or another layout; the
             message says what to do.
     """
     path = Path(path)
@@ -96,7 +96,7 @@ def read_export(
 
 
 def _content(path: Path) -> bytes:
-    """The bytes of a file, if it may be one."""
+    """The bytes of a file, if an exported file may be that large."""
     try:
         content = read_file(path)
     except ValueError as error:
@@ -123,7 +123,7 @@ def import_onnxruntime() -> ModuleType:
 
 
 def open_session(content: bytes) -> Any:
-    """A session of a graph, on one core."""
+    """A session that runs a graph, on one core."""
     onnxruntime = import_onnxruntime()
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
@@ -137,13 +137,13 @@ def _metadata(path: Path, content: bytes) -> dict[str, str]:
     import_onnxruntime()
     try:
         return dict(open_session(content).get_modelmeta().custom_metadata_map)
-    except Exception as error:  # whatever ONNX Runtime makes of a damaged file
+    except Exception as error:  # whatever ONNX Runtime raises about a damaged file
         reason = " ".join(str(error).split())[:200]
         raise ExportFileError(f"{path} is not a whole ONNX file ({reason}); {_AGAIN}") from error
 
 
 def _description(path: Path, content: bytes, text: str) -> PolicyDescription:
-    """The description in a file's metadata, whose hash has to be that of the file."""
+    """The description in a file's metadata, whose hash must match the file."""
     try:
         values = parse_json(text.encode())
     except ValueError as error:
@@ -169,10 +169,10 @@ def _description(path: Path, content: bytes, text: str) -> PolicyDescription:
 
 
 def _check_gaits(description: PolicyDescription) -> None:
-    """Check that each gait is one that a robot can walk: its ranges are narrower than a timing's.
+    """Check that a robot can walk each gait: `Gait` has narrower ranges than `GaitTiming`.
 
     Raises:
-        ValueError: One is not.
+        ValueError: There is one that no robot can walk.
     """
     for timing in description.gaits:
         try:
@@ -191,10 +191,10 @@ def _check_made_for(
     joints: tuple[str, ...] | None,
     layout: str | None,
 ) -> None:
-    """Check that a file is made for this robot, its joints and this layout.
+    """Check that a file was made for this robot, its joints and this layout.
 
     Raises:
-        ValueError: It is not.
+        ValueError: It was not.
     """
     if robot is not None and description.robot != robot:
         raise ValueError(
@@ -230,7 +230,7 @@ def _check_made_for(
 
 
 def _check_sizes(description: PolicyDescription, content: bytes) -> None:
-    """Check that the graph of a network takes what is described, and gives twelve targets.
+    """Check that the graph of a network takes the described input, and returns twelve targets.
 
     Raises:
         ValueError: It does not.

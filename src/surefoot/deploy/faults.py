@@ -1,8 +1,8 @@
-"""What is wrong with a robot: each test of a measurement that lets the runtime give it up.
+"""What is wrong with a robot: all tests of a measurement that make the runtime give it up.
 
 `FaultTests.broken` and `FaultTests.unsafe` look at one measurement per tick and name the first
-thing that is wrong. Faults that are not seen in a measurement (silence, deadlines, the operator)
-are the loop's. Read `loop` next.
+fault. The loop itself detects faults that no measurement shows (silence, deadlines, the operator).
+Read `loop` next.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Fault:
     Attributes:
         kind: The name of the fault.
         detail: What was measured, and what is allowed.
-        tick: The tick since the runtime was started.
+        tick: The number of the tick since the runtime was started.
     """
 
     kind: FaultKind
@@ -72,7 +72,7 @@ class Limits:
 
 
 def roll_pitch(orientation: Array) -> tuple[float, float]:
-    """Roll and pitch [rad] of a base, with plain numbers, since one robot needs no arrays.
+    """Roll and pitch [rad] of a base, in plain floats, since one robot needs no arrays.
 
     Args:
         orientation: ``(4,)`` unit quaternion xyzw.
@@ -84,7 +84,7 @@ def roll_pitch(orientation: Array) -> tuple[float, float]:
 
 
 class FaultTests:
-    """Tests every measurement; torques are judged over time.
+    """Tests every measurement; torques are tested over time.
 
     Args:
         limits: What the joints may do.
@@ -99,10 +99,10 @@ class FaultTests:
         self._tilt = math.radians(config.tilt)
         self._saturated_from = config.saturation_share * limits.torque
         self._patience_ns = to_ticks(config.saturation) * TICK_NS
-        self._saturated_since: IntArray | None = None  # [ns] when each joint last was not
+        self._saturated_since: IntArray | None = None  # [ns] when each last was not
 
     def broken(self, sensors: Sensors) -> tuple[FaultKind, str] | None:
-        """What makes a measurement useless, whoever drives; None if nothing does.
+        """What makes a measurement useless in any mode; None if nothing does.
 
         Args:
             sensors: The measurement.
@@ -119,7 +119,7 @@ class FaultTests:
         return None
 
     def unsafe(self, sensors: Sensors) -> tuple[FaultKind, str] | None:
-        """What a robot that is being driven must not do; None if all is well. Ask once a tick.
+        """What makes it unsafe to move the robot; None if nothing does. Call it once per tick.
 
         Args:
             sensors: The measurement.
@@ -150,7 +150,7 @@ class FaultTests:
         return None
 
     def _beyond(self, sensors: Sensors, number: int) -> tuple[FaultKind, str]:
-        """What is wrong with one of the joint angles, or with one of the rates that follow them."""
+        """The fault of one of the joint angles, or of one of the rates, which follow them."""
         limits = self._limits
         joint = number % len(JOINTS)
         if number < len(JOINTS):
@@ -168,8 +168,8 @@ def is_finite(sensors: Sensors) -> bool:
     Args:
         sensors: The measurement.
     """
-    # One sum instead of many tests: what is not finite stays so in a sum. An overflow of finite
-    # numbers is no measurement either. Plain numbers are added faster than such small arrays.
+    # One sum instead of many tests: a sum with a term that is not finite is not finite. Finite
+    # numbers whose sum overflows are no measurement either. Floats add faster than small arrays.
     total = sum([number for values in sensors[2:8] for number in values.tolist()])
     if sensors.base is not None:
         total += sensors.base.height + sum(sensors.base.velocity.tolist())

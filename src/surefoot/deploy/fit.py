@@ -1,4 +1,4 @@
-"""Whether a policy may drive a robot: names, joint order, rate, and the posture it begins in.
+"""Whether a policy may drive a robot: name, joint order, rate, and the posture it begins in.
 
 Read `loop` next.
 """
@@ -15,8 +15,8 @@ from surefoot.deploy.protocol import Description, check_description
 from surefoot.types import JOINTS, Array
 
 INSIDE = 0.25
-"""How far within the range of a joint the standing posture is, as a share of that range: the weight
-of the robot bends its legs further."""
+"""How far inside the range of a joint the standing posture must be, as a share of that range: the
+weight of the robot bends its legs further."""
 
 
 class WrongRobotError(ValueError):
@@ -28,11 +28,11 @@ def check_robot(policy: DeployedPolicy, description: Description) -> None:
 
     Args:
         policy: The policy.
-        description: What the bridge says of its robot.
+        description: What the bridge says about its robot.
 
     Raises:
         WrongRobotError: Robot, joint order or rate differ.
-        ValueError: What the bridge says of its limits or times would keep no robot safe.
+        ValueError: The limits or times of the bridge cannot keep a robot safe.
     """
     check_description(description)
     if policy.robot != description.robot:
@@ -44,12 +44,12 @@ def check_robot(policy: DeployedPolicy, description: Description) -> None:
 
 
 def check_joints_and_rate(joints: Sequence[str], rate_hz: int, description: Description) -> None:
-    """Check that a bridge has the joints of a policy in their order, and its rate.
+    """Check that a bridge has the joints of a policy, in the same order, and its rate.
 
     Args:
         joints: The names of the policy's twelve joints.
         rate_hz: The policy's rate [Hz].
-        description: What the bridge says of its robot.
+        description: What the bridge says about its robot.
 
     Raises:
         WrongRobotError: Joint order or rate differ.
@@ -67,10 +67,10 @@ def check_joints_and_rate(joints: Sequence[str], rate_hz: int, description: Desc
 
 
 def limits_of(description: Description) -> Limits:
-    """What a bridge says that the joints may do.
+    """The joint limits that a bridge gives.
 
     Args:
-        description: What the bridge says of its robot.
+        description: What the bridge says about its robot.
     """
     return Limits(
         np.array(description.position_low),
@@ -81,7 +81,7 @@ def limits_of(description: Description) -> Limits:
 
 
 def missing_base(policy: DeployedPolicy, has_expert: bool, sensors: Sensors) -> str | None:
-    """Why nobody may drive a robot whose base is not measured; None if all who may drive can.
+    """Why a robot whose base is not measured cannot be driven; None if the base is not needed.
 
     Args:
         policy: The policy.
@@ -106,9 +106,9 @@ def missing_base(policy: DeployedPolicy, has_expert: bool, sensors: Sensors) -> 
 def posture_of(policy: DeployedPolicy, limits: Limits) -> Array:
     """The joint angles ``(12,)`` in which a robot is to stand before the policy drives [rad].
 
-    They are the nominal ones, as far as the initial states trained on reach: those of a gait may
-    have its legs bent further than the nominal posture. They are never beyond what the joints may
-    do, whatever the policy's file says.
+    They are the nominal ones, moved into the range of the initial states trained on, in which the
+    legs may be bent further than in the nominal posture. They are always within the joint limits,
+    whatever the policy's file says.
 
     Args:
         policy: The policy.

@@ -1,7 +1,7 @@
 """The gate of the paper's Table I at run time: bounds on height, tilt and joints of one robot.
 
-`safety.gates` has the same table for a batch of simulated robots; a test holds both together. The
-expert drives from a violation on, at least for T_block, until the state is safe (the rule
+`safety.gates` has the same table for a batch of simulated robots; a test checks that both agree.
+From a violation on, the expert drives for at least T_block and until the state is safe (the rule
 `safe_and_blocked`). Read `handover` next.
 """
 
@@ -30,26 +30,26 @@ class Switch(Protocol):
         ...
 
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
-        """Whether the expert has to drive in this tick; asked once in each.
+        """Whether the expert has to drive in this tick; called once per tick.
 
-        Before an episode it is also asked at tick 0, again and again while the robot stands, and
-        then reset. Those answers count for nothing; they keep a later one from taking long.
+        Before an episode, while the robot stands, it is also called repeatedly with tick 0, and
+        reset afterwards. Those answers are ignored; the calls only keep later ones fast.
 
         Args:
             sensors: What the robot measures.
             tick: The gait clock [ms].
-            command: The velocity that is asked for.
+            command: The commanded velocity.
 
         Raises:
-            Fallen: Nobody can drive this robot any more.
-            MissingBase: It cannot tell, since nothing measures the base.
+            Fallen: Neither the policy nor the expert can drive this robot any more.
+            MissingBase: The switch cannot decide, since nothing measures the base.
         """
         ...
 
 
 @dataclass(frozen=True)
 class BoundsGate:
-    """Calls a state unsafe that is outside a table of bounds.
+    """Calls a state unsafe if it is outside a table of bounds.
 
     Attributes:
         low: ``(15,)`` lower bounds of the height of the center of mass [m], and of roll, pitch and
@@ -64,7 +64,7 @@ class BoundsGate:
     com_in_base: Callable[[Array], Array]
 
     def unsafe(self, sensors: Sensors) -> bool:
-        """Whether a state is unsafe; the height counts where something measures it.
+        """Whether a state is unsafe; the height only counts if it is measured.
 
         Args:
             sensors: What the robot measures.
@@ -80,7 +80,7 @@ class BoundsGate:
 
 
 class Blocking:
-    """Who drives: the expert from a violation on, until its block is over and the state is safe.
+    """Lets the expert drive from a violation on, until its block is over and the state is safe.
 
     Args:
         block: T_block [ms].
@@ -92,15 +92,15 @@ class Blocking:
 
     @property
     def blocked(self) -> bool:
-        """Whether the expert had to drive in the tick before."""
+        """Whether the expert had to drive in the previous tick."""
         return self._since is not None
 
     def is_blocked(self, unsafe: bool, tick: int) -> bool:
-        """Whether the expert has to drive in this tick; ask once a tick.
+        """Whether the expert has to drive in this tick; to be called once per tick.
 
         Args:
-            unsafe: What the gate says.
-            tick: The gait clock [ms]; ticks that nobody saw count, too.
+            unsafe: Whether the gate calls the state unsafe.
+            tick: The gait clock [ms]; it includes unseen ticks.
         """
         if self._since is None:
             self._since = tick if unsafe else None
@@ -110,12 +110,12 @@ class Blocking:
 
 
 class GateSwitch:
-    """The expert drives where a gate calls the state unsafe, and for a block of time at least.
+    """Lets the expert drive where a gate calls the state unsafe, for at least a block of time.
 
-    Without an expert the robot is given up there, and the block means nothing.
+    Without an expert the robot is given up there, and the block has no effect.
 
     Args:
-        gate: Says which states are unsafe.
+        gate: Decides which states are unsafe.
         block: T_block [ms].
     """
 
@@ -132,7 +132,7 @@ class GateSwitch:
     def expert_drives(self, sensors: Sensors, tick: int, command: Command) -> bool:
         """See `Switch`."""
         if sensors.base is None and not self._has_warned:
-            self._has_warned = True  # once: a line takes time, and a base may come and go
+            self._has_warned = True  # only once: a line takes time, and a base may come and go
             logger.warning(
                 "the height of the base is not measured: while it is not, the gate judges roll, "
                 "pitch and joints only"

@@ -1,11 +1,10 @@
 """The expert at run time: its plans come from another process, a few milliseconds late.
 
-A plan is asked for `latency` ticks before it is to take effect, and for the state that is expected
-then: joints and base go on as they move. Row k of the plan belongs to the tick k after that. New
-plans are asked for so that they take effect on the 50-ms grid, or right after it where the gait
-clock skips ticks; where another gait is to be walked one is asked for at once, as at a takeover,
-where the policy drives until it is there.
-Read `loop` next.
+A plan is requested `latency` ticks before it is to take effect, for the state expected then, as if
+joints and base kept their velocity. Row k of the plan is for the kth tick after that. Requests are
+timed so that plans take effect on the 50-ms grid, or right after it where the gait clock skips
+ticks. A plan in another gait is requested at once, as is the first one at a takeover; the policy
+drives until that one has arrived. Read `loop` next.
 """
 
 from __future__ import annotations
@@ -24,10 +23,10 @@ from surefoot.types import GRID, JOINTS, TICK_NS, TICKS_PER_SECOND, Array, Comma
 PLAN_PATIENCE = 10.0
 """[s] Maximum time that a robot in lockstep waits for a plan."""
 REHEARSED_EVERY = 500
-"""[ms] Time between plans that nobody follows. One of them may delay the first of a takeover, and
-after a second without any a planner is slow."""
+"""[ms] Time between rehearsals, plans that nobody follows. One of them may delay the first plan of
+a takeover, but after a second without any plan a planner is slow."""
 PLANNER_ENDED = "the planner's process has ended"
-"""Why there is no plan, where there will never be one."""
+"""Why there is no plan, and will never be one."""
 
 
 class NoPlan(RuntimeError):  # noqa: N818
@@ -35,18 +34,18 @@ class NoPlan(RuntimeError):  # noqa: N818
 
 
 class LatePlan(NoPlan):
-    """The planner has not answered in time, which says nothing of the robot's state."""
+    """The planner has not answered in time, which says nothing about the robot's state."""
 
 
 @dataclass(frozen=True)
 class PlanRequest:
-    """What a planner is asked.
+    """A request for a plan.
 
     Attributes:
         tick: The gait clock at which the plan takes effect [ms].
         q: ``(19,)`` the configuration expected then; the base is above the origin.
         v: ``(18,)`` the velocity expected then, base part in the base frame.
-        command: The velocity that is asked for.
+        command: The commanded velocity.
     """
 
     tick: int
@@ -56,10 +55,10 @@ class PlanRequest:
 
 
 class PlanLink(Protocol):
-    """The way to a planner in another process; `ask` and `answer` may not wait."""
+    """The connection to a planner in another process; `ask` and `answer` must not wait."""
 
     def ask(self, request: PlanRequest) -> None:
-        """Ask for a plan.
+        """Request a plan.
 
         Raises:
             NoPlan: The planner's process has ended.
@@ -78,18 +77,18 @@ class PlanLink(Protocol):
         ...
 
     def forget(self) -> None:
-        """Drop the answers to all that was asked, also those to come; while nobody drives.
+        """Drop the answers to all requests, also those still to come; called while nobody drives.
 
         A follower counts the answers that it waits for, so it must not get those of another one.
 
         Raises:
-            NoPlan: They do not come.
+            NoPlan: The answers do not come.
         """
         ...
 
 
 def expected(sensors: Sensors, ticks: int) -> tuple[Array, Array]:
-    """Configuration ``(19,)`` and velocity ``(18,)`` after some ticks, if all goes on as it moves.
+    """Configuration ``(19,)`` and velocity ``(18,)`` after some ticks at constant velocity.
 
     Args:
         sensors: What the robot measures now, with an estimate of its base.
@@ -118,20 +117,20 @@ def expected(sensors: Sensors, ticks: int) -> tuple[Array, Array]:
 
 
 class PlanFollower:
-    """Drives with plans, and asks for the next ones in time.
+    """Drives with plans, and requests the next ones in time.
 
     Args:
-        link: The way to the planner.
-        kp: The stiffness of the PD on a plan [N m/rad].
-        kd: The damping of the PD on a plan [N m s/rad].
-        latency: How long before it takes effect a plan is asked for [ticks].
+        link: The connection to the planner.
+        kp: The stiffness of the PD law that tracks a plan [N m/rad].
+        kd: The damping of the PD law that tracks a plan [N m s/rad].
+        latency: How long before it takes effect a plan is requested [ticks].
         patience: How long the robot may be without a valid plan [ticks].
         lockstep: Whether the robot waits for its plans. Each then takes effect at its tick, however
             long the planner takes, and the same flight has the same bits.
 
     Attributes:
-        latency: How long before it takes effect a plan is asked for [ticks].
-        plans: How many plans have come, without those of rehearsals.
+        latency: How long before it takes effect a plan is requested [ticks].
+        plans: How many plans have come, except for rehearsals.
         late: How many of them came after the tick at which they were to take effect.
         invalid: How many of them were not valid.
     """
@@ -152,7 +151,7 @@ class PlanFollower:
         self._patience = patience
         self._lockstep = lockstep
         self._outstanding = 0  # requests without an answer
-        self._rehearses = False  # whether the oldest of them is one of a rehearsal
+        self._rehearses = False  # whether the oldest of them is a rehearsal
         self._rehearsal = -1  # the number of the last rehearsal, by the robot's clock
         self.plans = 0
         self.late = 0
@@ -160,7 +159,7 @@ class PlanFollower:
         self.release()
 
     def release(self) -> None:
-        """Forget all plans, those that are still to come too: the policy drives again."""
+        """Forget all plans, also those still to come: the policy drives again."""
         self._of_old = self._outstanding
         self._followed: tuple[int, MotionPlan] | None = None
         self._next: tuple[int, MotionPlan] | None = None
@@ -170,14 +169,14 @@ class PlanFollower:
         self._refused: int | None = None  # when the newest answer came, if it was not valid
 
     def rehearse(self, sensors: Sensors, command: Command) -> None:
-        """Ask now and then for a plan that nobody follows, so that the first one comes in time.
+        """Request a plan now and then that nobody follows, so that the first one comes in time.
 
-        To be called while another drives. A planner that fails here fails again when it is needed,
-        and is reported then.
+        To be called while the expert does not drive. A planner that fails here fails again when it
+        is needed, and the failure is reported then.
 
         Args:
             sensors: What the robot measures.
-            command: The velocity that is asked for.
+            command: The commanded velocity.
         """
         tick = sensors.time_ns // TICK_NS
         with suppress(NoPlan, MissingBase):
@@ -197,13 +196,12 @@ class PlanFollower:
         Args:
             sensors: What the robot measures.
             tick: The gait clock [ms].
-            command: The velocity that is asked for, and the gait that is walked `latency` ticks
-                later.
+            command: The commanded velocity, and the gait that is walked `latency` ticks later.
 
         Raises:
             NoPlan: There has been no valid plan for too long.
             LatePlan: There has been no answer for too long.
-            MissingBase: A plan has to be asked for, and nothing measures the base.
+            MissingBase: A plan has to be requested, and nothing measures the base.
         """
         if self._begun is None:
             self._begun = tick
@@ -237,19 +235,19 @@ class PlanFollower:
         )
 
     def _missing(self, text: str, tick: int) -> NoPlan:
-        """Why there is no plan: the planner found none, or it did not answer of late."""
+        """Why there is no plan: the last answer was not valid, or the planner does not answer."""
         if self._refused is not None and tick - self._refused <= self._patience:
             return NoPlan(f"no valid plan {text}")
         return LatePlan(f"no plan {text}: the planner is slow, or its machine busy")
 
     def _has_to_ask(self, effect: int, gait: int) -> bool:
-        """Whether a plan of a gait that takes effect at a tick has to be asked for."""
+        """Whether a plan in a gait that takes effect at a tick has to be requested."""
         if self._asked_for is None or gait != self._asked_gait:
             return True
         return effect // GRID > self._asked_for // GRID
 
     def _receive(self, tick: int) -> None:
-        """Take the plans that have come, and ask anew where a first one is not valid."""
+        """Take the plans that have come; if the first one is not valid, have it requested again."""
         seconds = 0.0
         if self._lockstep:
             if self._asked_for is None or tick < self._asked_for:
@@ -265,7 +263,7 @@ class PlanFollower:
                 self.plans += 1
                 self.invalid += not plan.valid
             self._rehearses = False
-            if self._of_old > 0:  # of an earlier takeover, or of a rehearsal
+            if self._of_old > 0:  # from an earlier takeover, or a rehearsal
                 self._of_old -= 1
                 continue
             self.late += start < tick
@@ -278,11 +276,11 @@ class PlanFollower:
 
 @dataclass(frozen=True)
 class Safeguard:
-    """Who takes over from the policy, and when.
+    """The expert that takes over from the policy, and the switch that decides when.
 
     Attributes:
-        switch: Says where the expert has to drive; None never lets it.
-        expert: Drives there; without one the robot is given up.
+        switch: Decides when the expert has to drive; if it is None, the expert never drives.
+        expert: Drives then; without one the robot is given up.
     """
 
     switch: Switch | None = None
@@ -290,7 +288,7 @@ class Safeguard:
 
 
 def _turned(orientation: Array, turn: Array) -> Array:
-    """A quaternion ``(4,)`` xyzw after a rotation by a vector in its own frame [rad]."""
+    """A quaternion ``(4,)`` xyzw after a rotation by a vector in the body frame [rad]."""
     angle = float(np.sqrt(turn @ turn))
     half = 0.5 * angle
     scale = 0.5 if angle < 1e-9 else np.sin(half) / angle

@@ -1,4 +1,4 @@
-"""What the runtime, a robot and a policy file agree on: five numbers a joint, and four methods.
+"""The interface of runtime, robot and policy file: five numbers per joint, and four methods.
 
 A joint's motor applies tau = torque + kp (position - q) + kd (velocity - dq). Joints come in the
 order of `surefoot.types.JOINTS`; SI units, radians, quaternions xyzw. Read `loop` next, which
@@ -19,7 +19,7 @@ from surefoot.deploy.protocol import Description
 from surefoot.types import JOINTS, Array, Command
 
 Clock = Callable[[], int]
-"""A clock gives the time [ns]; it never goes backwards, and its zero means nothing."""
+"""A clock gives the time [ns]; it never runs backwards, and its zero is arbitrary."""
 wall_clock: Clock = time.monotonic_ns
 """The clock of this machine."""
 
@@ -36,11 +36,11 @@ class Stale(RobotFault):
 
 
 class Latched(RobotFault):
-    """The robot's bridge damps the joints, whatever it is told."""
+    """The robot's bridge damps the joints, whatever it receives."""
 
 
 class BaseEstimate(NamedTuple):
-    """What no sensor on board measures: it comes from an estimator or from motion capture.
+    """What no sensor on board measures, as an estimator or motion capture gives it.
 
     Attributes:
         height: The height of the base above the ground [m].
@@ -56,15 +56,15 @@ class Fallen(RobotFault):
 
 
 class MissingBase(ValueError):  # noqa: N818
-    """Height and velocity of the base are needed, and nothing measures them."""
+    """The height and the velocity of the base are needed, and nothing measures them."""
 
 
 class Sensors(NamedTuple):
     """What the robot measured at one instant.
 
     Attributes:
-        time_ns: When, by the robot's clock [ns].
-        sequence: The number of the measurement; it rises with each.
+        time_ns: The time of the measurement on the robot's clock [ns].
+        sequence: The number of the measurement; it increases with each.
         joint_position: ``(12,)`` joint angles [rad].
         joint_velocity: ``(12,)`` joint rates [rad/s].
         joint_torque: ``(12,)`` joint torques [N m].
@@ -72,7 +72,7 @@ class Sensors(NamedTuple):
         angular_velocity: ``(3,)`` of the base, base frame [rad/s].
         acceleration: ``(3,)`` specific force at the base, base frame [m/s^2].
         base: Height and linear velocity of the base; None if nothing measures them.
-        faults: Bits of what the driver calls faulty; 0 is none.
+        faults: The driver's fault bits; 0 if there is no fault.
     """
 
     time_ns: int
@@ -88,13 +88,13 @@ class Sensors(NamedTuple):
 
 
 class JointCommand(NamedTuple):
-    """What the twelve motors are to do: tau = torque + kp (position - q) + kd (velocity - dq).
+    """The command to the twelve motors: tau = torque + kp (position - q) + kd (velocity - dq).
 
     Attributes:
         position: ``(12,)`` joint targets [rad].
         kp: ``(12,)`` stiffness [N m/rad].
         kd: ``(12,)`` damping [N m s/rad].
-        velocity: ``(12,)`` targets of the rates [rad/s].
+        velocity: ``(12,)`` target joint rates [rad/s].
         torque: ``(12,)`` feed-forward torques [N m].
     """
 
@@ -111,7 +111,7 @@ class JointCommand(NamedTuple):
         return all(math.isfinite(sum(values.tolist())) for values in parts)
 
     def torque_at(self, sensors: Sensors) -> Array:
-        """The torques ``(12,)`` that the motors are to apply, before they clip them [N m].
+        """The torques ``(12,)`` that this commands to the motors, before they clip them [N m].
 
         Args:
             sensors: What the robot measures.
@@ -125,10 +125,10 @@ class RobotInterface(Protocol):
     """A robot, wherever it is.
 
     Attributes:
-        round_trip_ns: From the sending of the newest command that the robot had to the arrival of
-            the newest measurement [ns]; 0 if that is not known.
-        lockstep: Whether the robot's time stands still until a command comes: no deadline can be
-            missed then.
+        round_trip_ns: Time from sending the newest command that the robot had received to the
+            arrival of the newest measurement [ns]; 0 if that is not known.
+        lockstep: Whether the robot's time stands still until a command comes; then no deadline can
+            be missed.
     """
 
     round_trip_ns: int
@@ -143,19 +143,19 @@ class RobotInterface(Protocol):
         """The newest measurement.
 
         Raises:
-            Stale: The newest is older than the robot may be silent.
-            Latched: The bridge says that it is latched, and why.
+            Stale: The robot has been silent for longer than it may be.
+            Latched: The bridge reports that it is latched, and why.
         """
         ...
 
     def write(self, command: JointCommand) -> None:
-        """Give the motors their command until the next one."""
+        """Give the motors their command, which applies until the next one."""
         ...
 
     def damp(self) -> None:
-        """Let the joints be damped only, from now on; works after any error, any number of times.
+        """Only damp the joints from now on; works after any error, and any number of times.
 
-        The robot latches it: no later command of this session moves a joint.
+        The robot latches: no later command of this session moves a joint.
         """
         ...
 
@@ -170,15 +170,15 @@ class DeployedPolicy(Protocol):
     Attributes:
         robot: The name of the robot.
         joints: The names of the twelve joints, in order.
-        rate_hz: How often it is to be asked [Hz].
+        rate_hz: How often it must run [Hz].
         kp: ``(12,)`` stiffness of the joints [N m/rad].
         kd: ``(12,)`` damping of the joints [N m s/rad].
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
         nominal: ``(12,)`` joint angles of the standing robot [rad].
         start_range: ``(2, 14)`` smallest and largest roll, pitch and joint angles of the initial
             states trained on [rad].
-        needs_base: Whether it asks for the height and the linear velocity of the base.
-        gaits: The gaits that it walks, by the numbers that commands have.
+        needs_base: Whether it needs the height or the linear velocity of the base.
+        gaits: The gaits that it walks; the gait number of a command is an index into them.
     """
 
     robot: str
@@ -193,7 +193,7 @@ class DeployedPolicy(Protocol):
     gaits: tuple[Gait, ...]
 
     def reset(self, sensors: Sensors) -> None:
-        """Begin an episode: forget everything, and fill a history with this measurement."""
+        """Begin an episode: forget everything; the first tick will fill the history."""
         ...
 
     def target(self, sensors: Sensors, tick: int, command: Command) -> Array:
@@ -202,22 +202,22 @@ class DeployedPolicy(Protocol):
         Args:
             sensors: What the robot measures now.
             tick: The gait clock [ms].
-            command: The velocity that is asked for, and the gait.
+            command: The commanded velocity, and the gait.
         """
         ...
 
     def rehearse(self, sensors: Sensors, tick: int, command: Command) -> None:
-        """Answer to nobody, and forget the measurement, so that a later answer takes no longer.
+        """Compute as in `target`, but return and remember nothing; it keeps later ticks fast.
 
         Args:
             sensors: What the robot measures now.
             tick: The gait clock [ms].
-            command: The velocity that is asked for, and the gait.
+            command: The commanded velocity, and the gait.
         """
         ...
 
     def miss(self, ticks: int) -> None:
-        """Take ticks into the history that nobody saw: the last one stands for them.
+        """Add unseen ticks to the history, as copies of the last one that was seen.
 
         Args:
             ticks: How many there were between the last measurement and the next one.
@@ -225,7 +225,7 @@ class DeployedPolicy(Protocol):
         ...
 
     def remember(self, sensors: Sensors, torque: Array) -> None:
-        """Take a tick into the history in which another drove; called instead of `target`.
+        """Add a tick in which the policy did not drive to the history, instead of `target`.
 
         Args:
             sensors: What the robot measured at that tick.

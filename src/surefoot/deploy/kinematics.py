@@ -1,9 +1,9 @@
-"""Where a robot's feet and its center of mass are, from a small table and the joint angles alone.
+"""A robot's feet and center of mass, from a small table and the joint angles alone.
 
 Each foot hangs on three revolute joints; from the foot up, each joint turns all that hangs below it
 about its axis (a product of exponentials). The table has all axes, points and masses in the base
-frame, with all joints at zero, so that any language computes this in a few lines. Read `policy`
-next, which makes observations of it.
+frame, with all joints at zero, so that this takes a few lines in any language. Read `policy` next,
+which makes observations from it.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ LEG_JOINTS = 3
 Point = tuple[float, float, float]
 """A point [m], or a direction, in the base frame."""
 LegPoints = tuple[Point, Point, Point]
-"""One for each joint of a leg, the hip first."""
+"""One point or direction for each joint of a leg, the hip first."""
 
 
 @dataclass(frozen=True)
 class KinematicTable:
-    """The geometry and the masses of a robot, base frame, all joints at zero.
+    """The geometry and the masses of a robot in the base frame, with all joints at zero.
 
-    Legs come as in `LEGS`, the joints of a leg from the hip to the knee.
+    Legs are in the order of `LEGS`, the joints of a leg from the hip to the knee.
 
     Attributes:
         joint_axes: ``(4, 3, 3)`` unit axis of each joint.
-        joint_positions: ``(4, 3, 3)`` a point of each axis [m].
+        joint_positions: ``(4, 3, 3)`` a point on each axis [m].
         foot_positions: ``(4, 3)`` centers of the feet [m].
         foot_radius: Radius of the feet [m].
-        base_mass: Mass of the base, with all that does not move in it [kg].
+        base_mass: Mass of the base, with all that is fixed to it [kg].
         base_com: ``(3,)`` center of mass of the base [m].
-        link_masses: ``(4, 3)`` mass of what each joint turns by itself [kg].
-        link_coms: ``(4, 3, 3)`` center of mass of each of them [m].
+        link_masses: ``(4, 3)`` mass of the link that follows each joint [kg].
+        link_coms: ``(4, 3, 3)`` center of mass of each of these links [m].
 
     Raises:
         ValueError: There are not four legs of three joints, or a number makes no sense.
@@ -105,16 +105,16 @@ _SHAPES = {
 class _Arrays:
     """The table as arrays, so that one product turns two columns about a joint of each leg.
 
-    The first column is where the foot is. The second is the sum of the links' centers of mass,
-    each times its share m of the robot's mass. A joint at c turns a foot p into c + R (p - c), and
-    such a sum b of the share m into m c + R (b - m c).
+    The first column is the position of the foot. The second is the sum of the links' centers of
+    mass, each times its share of the robot's mass. A joint at c turns a foot p into c + R (p - c),
+    and such a sum b, whose shares add up to m, into m c + R (b - m c).
 
     Attributes:
         along: ``(4, 3, 3, 3)`` projections on the axes a, a a^T.
         across: ``(4, 3, 3, 3)`` projections on their normal planes, 1 - a a^T.
         skew: ``(4, 3, 3, 3)`` cross products with the axes.
-        arms: ``(3, 4, 3, 2)`` of each joint -c, and the joint's own link less m c [m].
-        centers: ``(3, 4, 3, 2)`` of each joint c, and m c [m].
+        arms: ``(3, 4, 3, 2)`` for each joint -c, and the term of its own link in b minus m c [m].
+        centers: ``(3, 4, 3, 2)`` for each joint c, and m c [m].
         ends: ``(4, 3, 2)`` centers of the feet, and zeros, since nothing hangs on them [m].
         base: ``(3,)`` center of mass of the base, times its share [m].
     """
@@ -131,7 +131,7 @@ class _Arrays:
 def feet_and_com(table: KinematicTable, joints: Array) -> tuple[Array, Array]:
     """The centers of the feet ``(..., 4, 3)`` and the center of mass ``(..., 3)``, base frame [m].
 
-    A robot asks for them at 1 kHz: few operations on all legs at once, and no cross product.
+    A robot computes them at 1 kHz, so these are few operations on all legs at once.
 
     Args:
         table: The robot.

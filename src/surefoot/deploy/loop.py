@@ -4,9 +4,10 @@
       |                         ^-------- the operator lets it rest -----'
       ^----------- any fault, latched; or the operator stops ------------'
 
-A tick reads one measurement, looks for faults, asks whoever drives, and writes one command. The
-policy drives; where a gate calls a state unsafe the expert does, or, without one, the robot is
-given up. Nothing that happens in a tick leaves the robot undamped: an exception is a fault too.
+A tick reads one measurement, looks for faults, asks the policy or the expert, and writes one
+command. The policy drives; where a gate calls a state unsafe, the expert drives, or the robot is
+given up if there is none. Nothing in a tick can leave the robot undamped: an exception is a fault
+too.
 Read `faults`, `drivers`, `handover` and `recorder` next.
 """
 
@@ -43,7 +44,7 @@ from surefoot.types import TICK_NS, Array, Command, to_ticks
 logger = logging.getLogger(__name__)
 
 MICROSECOND = 1e-3
-"""[us] A nanosecond."""
+"""A nanosecond [us]."""
 
 
 class Mode(IntEnum):
@@ -55,7 +56,7 @@ class Mode(IntEnum):
 
 
 Listener = Callable[[TickRecord, Sensors, JointCommand | None], None]
-"""Is told of every tick, as the recorder is; None where nothing was commanded."""
+"""Receives every tick, as the recorder does; the command is None where nothing was commanded."""
 
 
 class Runtime:
@@ -64,22 +65,22 @@ class Runtime:
     Args:
         robot: The robot.
         policy: The policy.
-        operator: Starts and stops it.
-        config: How it stands up, and the limits of the faults; the defaults if it is None.
+        operator: Starts and stops the robot.
+        config: How the robot stands up, and the limits of the faults; the defaults if it is None.
         clock: Gives the time [ns].
-        safeguard: The expert, and who says where it drives.
+        safeguard: The expert, and the switch that decides when it drives.
 
     Attributes:
-        mode: What it does with the robot.
-        fault: Why it was given up; None as long as it is not.
-        stopped: Whether the operator has stopped it.
+        mode: What the runtime does with the robot.
+        fault: Why the robot was given up; None as long as it is not.
+        stopped: Whether the operator has stopped the robot.
         ticks: How many ticks there were.
         drivers: The policy and the expert, and how long they drove.
-        repeated: How often no new measurement had come, and the last command was written again.
-        deadlines: Counts the ticks of the robot, and those that nobody saw.
+        repeated: How often the last command was written again, as no new measurement had come.
+        deadlines: Counts the ticks of the robot, and those without a command of their own.
         work: Times from a measurement to the written command.
-        round_trips: Times from a command to the state that knows of it.
-        listeners: Are told of every tick.
+        round_trips: Times from a command to the state that answers it.
+        listeners: Called with every tick.
 
     Raises:
         WrongRobotError: The policy is for another robot, joint order or rate.
@@ -117,7 +118,7 @@ class Runtime:
         self._last_command: JointCommand | None = None
         self._stand_from: Array = policy.nominal
         self._stand_to = posture_of(policy, limits_of(description))
-        self._begun_ns = 0  # when the mode began, by the robot's clock
+        self._begun_ns = 0  # by the robot's clock, when the mode began
         self._warned = False
         self._asked = False
 
@@ -127,10 +128,10 @@ class Runtime:
         return self.fault is not None or self.stopped
 
     def tick(self) -> Mode:
-        """Read, look for faults, ask whoever drives, and write.
+        """Read, look for faults, ask the policy or the expert, and write.
 
         Raises:
-            KeyboardInterrupt: It was interrupted, also where compiled code hides that.
+            KeyboardInterrupt: The tick was interrupted, even if compiled code hides that.
         """
         self.ticks += 1
         if self.over:
@@ -152,14 +153,14 @@ class Runtime:
             self._give_up("fall", str(error))
         except Exception as error:
             interrupt = interrupt_behind(error)
-            if interrupt is not None:  # whoever ticks damps the robot, as after any other Ctrl-C
+            if interrupt is not None:  # the caller damps the robot, as after any other Ctrl-C
                 raise type(interrupt) from error
             logger.exception("the runtime has a defect, or what it was given has one")
             self._give_up("defect", repr(error))
         return self.mode
 
     def stop(self) -> None:
-        """Damp the robot for good, without a fault, as if the operator had said so."""
+        """Damp the robot for good, without a fault, as if the operator had stopped it."""
         self.stopped = True
         self.damp()
 
@@ -174,12 +175,12 @@ class Runtime:
         self._give_up("operator lost", why)
 
     def _serve(self, sensors: Sensors, begun: int) -> None:
-        """Do what a measurement asks for, and record it."""
+        """Answer a measurement with a command, and record both."""
         measured = self._clock()
         wish = self._operator.wish()
         same = self._last_command
         if same is not None and wish.go and not (wish.lost or self.deadlines.is_new(sensors)):
-            # Nobody is asked twice about a tick, but the bridge hears that the runtime is alive.
+            # A tick is not computed twice, but the bridge sees that the runtime is alive.
             self.repeated += 1
             self.deadlines.wait()
             self._robot.write(same)
@@ -203,7 +204,7 @@ class Runtime:
         self._record(sensors, command, velocity, (begun, measured))
 
     def _wrong(self, sensors: Sensors, wish: Wish) -> tuple[FaultKind, str] | None:
-        """The first thing that is wrong."""
+        """The first fault that a measurement or the operator gives reason for; None if none."""
         wrong = self._tests.broken(sensors)
         if wrong is not None:
             return wrong
@@ -212,12 +213,12 @@ class Runtime:
         if wish.lost:
             return "operator lost", wish.lost
         self.deadlines.count()
-        # While it stands its targets move slowly, and a longer silence is the bridge's to end.
+        # While standing, the targets move slowly, and the bridge ends a longer silence.
         late = self._late() if self.mode == Mode.DRIVE else None
         return late or self._tests.unsafe(sensors)
 
     def _late(self) -> tuple[FaultKind, str] | None:
-        """Whether too many ticks in a row had no command in time, as a fault."""
+        """The fault that too many ticks in a row had no command in time; None if they had."""
         if self.deadlines.in_a_row < self.config.missed_deadlines:
             return None
         return "missed deadlines", (
@@ -243,7 +244,7 @@ class Runtime:
             self._begin(Mode.STAND, sensors)
         if self.mode != Mode.STAND or self._gait_clock(sensors) < standing:
             return
-        if wish.rest:  # the time to settle begins when it is to walk
+        if wish.rest:  # the time to settle only begins when the operator wants it to walk
             self._begun_ns = sensors.time_ns - standing * TICK_NS
             return
         if (late := self._late()) is not None:
@@ -261,7 +262,7 @@ class Runtime:
             self._give_up("missed deadlines", "no tick in which it could begin to walk was in time")
 
     def _is_ready(self, sensors: Sensors) -> bool:
-        """Whether it may stand up: it is safe, the policy was asked, and states come steadily."""
+        """Whether it may stand up: it is safe, the policy has run, and states come steadily."""
         if (unsafe := self._tests.unsafe(sensors)) is not None:
             self._give_up(*unsafe)
             return False
@@ -277,7 +278,7 @@ class Runtime:
         return self.deadlines.steady
 
     def _command(self, sensors: Sensors, velocity: Command, gait: int) -> JointCommand | None:
-        """What the joints are to do in this tick; None leaves them damped."""
+        """The command to the joints in this tick; None leaves them damped."""
         if self.mode == Mode.DAMP:
             return None
         if self.mode == Mode.STAND:
@@ -293,7 +294,7 @@ class Runtime:
         unseen = self.deadlines.unseen if tick > 0 else 0
         try:
             return self.drivers.command(sensors, tick, velocity, gait, unseen)
-        except Unguarded as error:  # these ticks are recorded: they show the state
+        except Unguarded as error:  # here, so that the tick is recorded: it shows the state
             self._give_up("gate", str(error))
         except MissingBase as error:
             self._give_up("lost base", str(error))
@@ -319,7 +320,7 @@ class Runtime:
         return inside
 
     def _begin(self, mode: Mode, sensors: Sensors) -> None:
-        """Begin a mode; its clock is the robot's, so that lost ticks do not slow a gait down."""
+        """Begin a mode; its time is the robot's clock, so lost ticks do not slow a gait down."""
         self.mode = mode
         self._begun_ns = sensors.time_ns
         self._stand_from = sensors.joint_position.copy()

@@ -1,7 +1,7 @@
-"""The observation of one robot, in few operations: a tick of 1 ms has no time for general ones.
+"""The observation of one robot, in few operations: a tick of 1 ms leaves no time for general code.
 
-`learning.observation.observe` is the reference, for any batch of states; a test holds both
-together. Read `policy` next, which picks the parts that its layout has.
+`learning.observation.observe` is the reference, for any batch of states; a test checks that both
+agree. Read `policy` next, which picks the parts that its layout has.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from surefoot.learning.observation import Float32Array
 from surefoot.types import Array
 
 NO_HEADING = 1e-9
-"""A base whose x axis is so close to the vertical has no heading: its axes are zeros."""
+"""A base whose x axis is this close to the vertical has no heading; its axes are zeros."""
 
 
 def observed(table: KinematicTable, sensors: Sensors, base: BaseEstimate) -> Float32Array:
@@ -43,16 +43,16 @@ def observed(table: KinematicTable, sensors: Sensors, base: BaseEstimate) -> Flo
 
 
 def attitude(orientation: Array) -> tuple[tuple[float, float, float], Array]:
-    """The upward direction in the base frame, and the heading frame's x and y axes there.
+    """The upward direction and the heading frame's x and y axes, all in the base frame.
 
-    Both are level; the y axis is normal to the base's x axis, and the x axis to the y axis. They
-    follow from how the base is tilted, whatever its yaw.
+    The two axes are horizontal; the y axis is normal to the base's x axis, and the x axis to the y
+    axis. They depend on the tilt of the base, not on its yaw.
 
     Args:
         orientation: ``(4,)`` unit quaternion xyzw, base frame to world frame.
 
     Returns:
-        Three numbers, and ``(3, 2)`` the axes as columns.
+        Three numbers, and the axes as columns ``(3, 2)``.
     """
     qx, qy, qz, qw = orientation.tolist()
     x = 2.0 * (qx * qz - qy * qw)

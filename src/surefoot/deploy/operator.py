@@ -1,6 +1,6 @@
-"""The operator: starts and stops the robot, says where to go, and shows that somebody is there.
+"""The operator: starts and stops the robot, steers it, and shows that somebody is watching.
 
-A robot only stands up after a start, and is damped when the operator says stop or is lost: their
+A robot only stands up after a start. It is damped when the operator says stop or is lost: the
 terminal has closed, or the promised sign of life does not come. Read `loop` next.
 """
 
@@ -19,25 +19,25 @@ from surefoot.errors import shown
 from surefoot.types import Command
 
 LONGEST_LINE = 200
-"""[B] No line of an operator is longer."""
+"""[B] Maximum length of an operator's line."""
 MOST_READS = 1000
-"""Number of reads after which a halt takes the input as forgotten, though more of it may come."""
+"""Number of reads after which a halt regards the input as discarded, though more may come."""
 NAMES = {"vx": "vx", "vy": "vy", "yaw": "yaw_rate"}
-"""What an operator calls the parts of a command."""
+"""The operator's words for the parts of a command."""
 STOP = "stop"
-"""The word that stops a robot, wherever it stands in a line."""
+"""The word that stops a robot, anywhere in a line."""
 UNSTEERED = "type start, stop, stand or walk; the velocities are given"
-"""What an operator may say who does not steer."""
+"""What an operator who does not steer may say."""
 logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Vocabulary:
-    """What an operator may say besides `start`, `stop`, `stand` and `walk`.
+    """What an operator may say in addition to `start`, `stop`, `stand` and `walk`.
 
     Attributes:
         steers: Whether the operator may change velocity and gait.
-        gaits: The names of the gaits that may be asked for, by their numbers.
+        gaits: The names of the gaits that may be commanded, in the order of their numbers.
     """
 
     steers: bool = True
@@ -45,7 +45,7 @@ class Vocabulary:
 
     @property
     def help(self) -> str:
-        """All of it, as the end of a sentence."""
+        """The whole vocabulary, as the end of a sentence."""
         if not self.steers:
             return UNSTEERED
         if len(self.gaits) < 2:
@@ -61,10 +61,10 @@ class Wish(NamedTuple):
 
     Attributes:
         go: Whether the robot is to stand up and walk; False damps it.
-        command: The velocity that is asked for.
-        lost: Why nobody is there any more; empty as long as somebody is.
+        command: The commanded velocity.
+        lost: Why the operator is lost; empty as long as they are there.
         rest: Whether the robot is to stand instead of walking.
-        gait: The number of the gait that is asked for; the robot begins it where it can.
+        gait: The number of the commanded gait; the robot switches to it when it can.
     """
 
     go: bool
@@ -78,7 +78,7 @@ class Operator(Protocol):
     """Somebody who watches over the robot."""
 
     def wish(self) -> Wish:
-        """What the operator wants now; asked once a tick, and must not wait."""
+        """What the operator wants now; called once per tick, and must not wait."""
         ...
 
 
@@ -86,10 +86,10 @@ class Scripted:
     """An operator who is always there, starts at once and stops after a time.
 
     Args:
-        command: The velocity that is asked for.
-        seconds: How long the robot is to be driven, standing up included; None does not end.
+        command: The commanded velocity.
+        seconds: How long the robot is to be driven, standing up included; None never stops it.
         clock: Gives the time [ns].
-        gait: The number of the gait that is asked for.
+        gait: The number of the commanded gait.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ def check_input(instead: str) -> None:
     """Check that an operator can type at all: a shell may have closed the standard input (`<&-`).
 
     Args:
-        instead: What to use without one.
+        instead: What to use without a standard input.
 
     Raises:
         ValueError: There is no standard input.
@@ -132,19 +132,19 @@ def check_input(instead: str) -> None:
 class Terminal:
     """An operator at a terminal: lines of text on the standard input.
 
-    `start` stands the robot up and lets it walk, `stop` damps it; `stand` lets it stand until
+    `start` makes the robot stand up and walk, and `stop` damps it; `stand` makes it stand until
     `walk` or `stop`; `vx 0.2`, `vy 0.1` and `yaw 0.5` change the command, and `gait bound` the
-    gait; an empty line is a sign of life, and any other changes nothing and is named in a warning.
-    A line that has the word stop in it stops, whatever else it says.
+    gait. An empty line is a sign of life; any other line changes nothing and is named in a warning.
+    A line that contains the word stop stops the robot, whatever else it says.
 
     Args:
-        command: The velocity that is asked for at first.
-        heartbeat: How often a line has to come [s]; None asks for none, and only the end of the
-            input is a loss.
+        command: The velocity commanded at first.
+        heartbeat: How often a line has to come [s]; if it is None, only the end of the input is a
+            loss.
         clock: Gives the time [ns].
         descriptor: The file descriptor to read from; that of the standard input if it is None.
         vocabulary: What the operator may say.
-        gait: The number of the gait that is asked for at first.
+        gait: The number of the gait commanded at first.
 
     Raises:
         ValueError: No descriptor is given, and there is no standard input.
@@ -176,7 +176,7 @@ class Terminal:
         return self._wish
 
     def halt(self) -> None:
-        """Forget the start, and what was typed since: a damped robot waits for another one."""
+        """Forget the start, and what was typed since: a damped robot waits for a new start."""
         self._wish = self._wish._replace(go=False)
         for _ in range(MOST_READS):
             self.wish()
@@ -184,7 +184,7 @@ class Terminal:
         self._text = b""
 
     def _listen(self) -> None:
-        """Take what has come, but no more than a line's length, so that no flood delays a tick."""
+        """Take the new input, but no more than a line's length, so that no flood delays a tick."""
         now = self._clock()
         if select.select([self._descriptor], [], [], 0.0)[0]:
             part = self._read()
@@ -195,7 +195,7 @@ class Terminal:
             *lines, self._text = (self._text + part).split(b"\n")
             self._text = self._text[-LONGEST_LINE:]
             texts = [line.decode(errors="replace") for line in lines]
-            # What comes together is obeyed with a stop last: a start after it does not undo it.
+            # Of lines that arrive together, a stop is obeyed last: a start cannot undo it.
             for text in sorted(texts, key=_stops):
                 self._wish = obey(self._wish, text, self._vocabulary)
         silent = (now - self._alive_ns) / 1e9
@@ -204,7 +204,7 @@ class Terminal:
             self._wish = self._wish._replace(go=False, lost=lost)
 
     def _read(self) -> bytes:
-        """Some bytes of the input; none if it has ended, as that of a closed terminal has."""
+        """Some bytes of the input; none if it has ended, as when the terminal is closed."""
         try:
             return os.read(self._descriptor, LONGEST_LINE)
         except OSError:
@@ -212,7 +212,7 @@ class Terminal:
 
 
 def obey(wish: Wish, line: str, vocabulary: Vocabulary) -> Wish:
-    """What the operator wants after a line; one that means nothing changes nothing, with a warning.
+    """What the operator wants after a line; an unknown line changes nothing, with a warning.
 
     Args:
         wish: What the operator wanted before.
@@ -247,7 +247,7 @@ def _stops(line: str) -> bool:
 
 
 def _number(text: str) -> float | None:
-    """A finite number; None if it is none."""
+    """The finite number in a text; None if there is none."""
     try:
         value = float(text)
     except ValueError:

@@ -1,8 +1,8 @@
 """Runs an exported policy on what a robot measures: NumPy and ONNX Runtime only.
 
 `load` reads a file and refuses what must not run (`export_file`). `OnnxPolicy` then turns
-measurements into the network's input, keeps the history, and asks the network. Read `description`
-for what a file says.
+measurements into the network's input, keeps the history, and runs the network. Read `description`
+for what a file contains.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from surefoot.rotations import rotation
 from surefoot.types import Array, Command, State
 
 BASE_PARTS = ("base_height", "linear_velocity")
-"""Parts of an observation that nothing on board measures."""
+"""Parts of an observation that no sensor on board measures."""
 UNKNOWN_BASE = BaseEstimate(0.0, np.zeros(3))
-"""Stands for the base where nothing measures it, and no layout asks for it."""
+"""Stands for the base where nothing measures it and the layout does not need it."""
 
 
 def load(
@@ -44,10 +44,10 @@ def load(
 
     Args:
         path: The file.
-        robot: Name of the robot that it has to be made for; None takes that of any.
+        robot: Name of the robot that it must be made for; None accepts any.
         joints: ``(12,)`` names of the robot's joints, in the order in which it sends them; None is
             the order of `JOINTS`.
-        layout: Name of the layout that it has to have; None takes any.
+        layout: Name of the layout that it must have; None accepts any.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -66,23 +66,23 @@ class OnnxPolicy:
     """A policy of one robot, as the loop on the robot runs it.
 
     Args:
-        description: What the file says.
+        description: The file's description.
         forward: The network, ``(1, inputs)`` to ``(1, 12)`` joint targets [rad].
 
     Attributes:
-        description: What the file says.
+        description: The file's description.
         spec: How measurements become the network's input.
         robot: The name of the robot.
         joints: The names of the twelve joints, in order.
-        rate_hz: How often it is to be asked [Hz].
+        rate_hz: How often it must run [Hz].
         kp: ``(12,)`` stiffness of the joints [N m/rad].
         kd: ``(12,)`` damping of the joints [N m s/rad].
         command_range: ``(2, 3)`` smallest and largest vx, vy [m/s], yaw rate [rad/s] trained on.
         nominal: ``(12,)`` joint angles of the standing robot [rad].
         start_range: ``(2, 14)`` smallest and largest roll, pitch and joint angles of the initial
             states trained on [rad]; infinite if unknown.
-        needs_base: Whether it asks for the height or the linear velocity of the base.
-        gaits: The gaits that it walks, by the numbers that commands have.
+        needs_base: Whether it needs the height or the linear velocity of the base.
+        gaits: The gaits that it walks; the gait number of a command is an index into them.
     """
 
     def __init__(
@@ -111,10 +111,10 @@ class OnnxPolicy:
         self._memory: Memory | None = None
 
     def reset(self, sensors: Sensors) -> None:
-        """Begin an episode: forget everything; the first tick will stand for all before it.
+        """Begin an episode: forget everything; the first tick will fill the history.
 
         Args:
-            sensors: What the robot measures now, to see whether that is enough.
+            sensors: What the robot measures now; only checked for what the layout needs.
 
         Raises:
             MissingBase: The layout needs what the robot does not measure.
@@ -124,12 +124,12 @@ class OnnxPolicy:
         self._base(sensors)
 
     def target(self, sensors: Sensors, tick: int, command: Command) -> Array:
-        """The joint targets ``(12,)`` [rad]; to be asked once in every tick.
+        """The joint targets ``(12,)`` [rad]; to be called once per tick.
 
         Args:
             sensors: What the robot measures now.
             tick: The gait clock [ms].
-            command: The velocity that is asked for, and the gait.
+            command: The commanded velocity, and the gait.
 
         Raises:
             MissingBase: The layout needs what the robot does not measure.
@@ -142,23 +142,23 @@ class OnnxPolicy:
         return target
 
     def miss(self, ticks: int) -> None:
-        """Take ticks into the history that nobody saw; to be called before the one after them.
+        """Add unseen ticks to the history; to be called before the tick that follows them.
 
         Args:
-            ticks: How many there were; the last one that was seen stands for them.
+            ticks: How many were unseen; the last tick that was seen stands for each.
         """
         if self._memory is not None:
             self._memory.repeat(ticks)
 
     def rehearse(self, sensors: Sensors, tick: int, command: Command) -> None:
-        """Answer as in `target`, but to nobody, and remember nothing of it.
+        """Compute as in `target`, but return and remember nothing.
 
         The arguments are those of `target`.
         """
         self._forward(self._inputs(self._observed(sensors), tick, command))
 
     def remember(self, sensors: Sensors, torque: Array) -> None:
-        """Take a tick into the history in which another drove; to be called instead of `target`.
+        """Add a tick in which the policy did not drive to the history, instead of `target`.
 
         Args:
             sensors: What the robot measured at that tick.
@@ -170,14 +170,14 @@ class OnnxPolicy:
         self._store(self._memory, self._observed(sensors), sensors, target)
 
     def inputs(self, sensors: Sensors, tick: int, command: Command) -> Float32Array:
-        """The network's input ``(inputs,)`` at this instant; nothing is remembered of it.
+        """The network's input ``(inputs,)`` at this instant; nothing is remembered.
 
         The arguments are those of `target`.
         """
         return self._inputs(self._observed(sensors), tick, command)[0]
 
     def _observed(self, sensors: Sensors) -> Float32Array:
-        """``(42,)`` all parts of the observation, of which a layout has some."""
+        """``(42,)`` all parts of the observation; a layout uses some of them."""
         return observed(self.description.kinematics, sensors, self._base(sensors))
 
     def _inputs(self, observation: Float32Array, tick: int, command: Command) -> Float32Array:
@@ -200,18 +200,18 @@ class OnnxPolicy:
     def _store(
         self, memory: Memory, observation: Float32Array, sensors: Sensors, target: Array
     ) -> None:
-        """Remember a tick, with what the motors could follow of the joint targets ``(12,)``."""
+        """Remember a tick, with the joint targets ``(12,)`` as far as the motors could follow."""
         self._begin(memory, observation)
         applied = self.applied(target, sensors.joint_position, sensors.joint_velocity)
         memory.ring[memory.next_row(), 0] = self._sample(observation, applied)
 
     def _begin(self, memory: Memory, observation: Float32Array) -> None:
-        """Let the first tick stand for all before it, if none has been stored yet."""
+        """Fill the history with the first tick, if none has been stored yet."""
         if memory.begins:
             memory.ring[:] = self._sample(observation, observation[OBSERVATION["joint_position"]])
 
     def _sample(self, observation: Float32Array, target: Array | Float32Array) -> Float32Array:
-        """``(sample_size,)`` what is remembered of a tick with these joint targets."""
+        """``(sample_size,)`` the sample of the history for a tick with these joint targets."""
         history = self.spec.layout.history
         sample = observation[self._sample_columns]
         if history is None or not history.targets:
@@ -219,7 +219,7 @@ class OnnxPolicy:
         return np.concatenate((sample, target), dtype=np.float32)
 
     def applied(self, target: Array, joint_position: Array, joint_velocity: Array) -> Array:
-        """The targets ``(..., 12)`` that the motors can follow: those of the clipped torques [rad].
+        """The targets ``(..., 12)`` that the motors can follow, from the clipped torques [rad].
 
         Args:
             target: ``(..., 12)`` joint targets [rad].
@@ -232,11 +232,11 @@ class OnnxPolicy:
         return (torque + damping) / self.kp + joint_position
 
     def state(self, sensors: Sensors) -> State:
-        """The state ``(1, ...)`` of a robot that measures this, at the origin of the world.
+        """The state ``(1, ...)`` of a robot with these measurements, at the origin of the world.
 
         Args:
-            sensors: What the robot measures. Height and linear velocity of the base are zero where
-                neither the robot measures nor the layout needs them.
+            sensors: What the robot measures. Height and linear velocity of the base are zero if
+                the robot does not measure them and the layout does not need them.
 
         Raises:
             MissingBase: The layout needs what the robot does not measure.
@@ -265,10 +265,10 @@ class OnnxPolicy:
 
 
 def state_of_base(description: PolicyDescription, q: Array, v: Array) -> State:
-    """The states of robots with these configurations and velocities, by the table of a file.
+    """The states of robots with these configurations and velocities, by a file's kinematic table.
 
     Args:
-        description: What the file says.
+        description: The file's description.
         q: ``(n, 19)`` configurations.
         v: ``(n, 18)`` velocities.
     """

@@ -1,12 +1,12 @@
 """The datagrams between the runtime and a bridge: fixed sizes, little-endian, checked by a CRC.
 
-A datagram is a header, a body whose size its kind decides, and the CRC-32 of both. The header names
-the protocol and its version, the kind, the robot, the session, the sequence number, the sender's
-clock, and the clock of the datagram that it answers. What differs from that by one bit is refused.
+A datagram is a header, a body whose size depends on its kind, and the CRC-32 of both. The header
+has the protocol and its version, the kind, the robot, the session, the sequence number, the
+sender's clock, and the clock of the datagram that it answers. One wrong bit, and it is refused.
 
 The runtime says HELLO; the bridge answers with its DESCRIPTION and the number of a new session,
-which every COMMAND and DAMP must carry, and sends a STATE every tick. The module needs the standard
-library only: it is copied with `bridge.py` into a driver's own environment. Read `bridge` next.
+which every COMMAND and DAMP must carry, and sends a STATE every tick. The module needs only the
+standard library: it is copied with `bridge.py` into a driver's own environment. Read `bridge` next.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ DAMP = 4
 STATE = 5
 
 IDLE = 0
-"""The bridge damps the joints, and waits for a first command."""
+"""The bridge damps the joints and waits for a first command."""
 DRIVING = 1
 """The bridge passes commands on."""
 LATCHED = 2
-"""The bridge damps the joints, whatever it is told in this session."""
+"""The bridge damps the joints, whatever it receives in this session."""
 
 NO_CAUSE = 0
 SILENCE = 1
@@ -65,7 +65,7 @@ _SIZES = {
     STATE: _STATE.size,
 }
 LONGEST = _HEADER.size + max(_SIZES.values()) + _CRC.size
-"""[B] No datagram is longer."""
+"""[B] The length of the longest datagram."""
 
 
 class Refused(ValueError):  # noqa: N818
@@ -76,12 +76,12 @@ class Packet(NamedTuple):
     """A datagram.
 
     Attributes:
-        kind: What it is: HELLO, DESCRIPTION, COMMAND, DAMP or STATE.
-        robot_id: Which robot, as `robot_id` numbers it; HELLO may have any.
+        kind: HELLO, DESCRIPTION, COMMAND, DAMP or STATE.
+        robot_id: The number that `robot_id` gives the robot; any number in a HELLO.
         session: The number of the session; 0 in a HELLO.
-        sequence: It rises with every datagram of a session, in each direction.
+        sequence: The number of the datagram; it increases through a session, in each direction.
         time_ns: The sender's clock [ns].
-        echo_ns: The other side's clock in the newest datagram that the sender had [ns].
+        echo_ns: The other side's clock in the newest datagram that the sender had received [ns].
         body: The bytes that belong to the kind.
     """
 
@@ -101,9 +101,9 @@ class State(NamedTuple):
         status: IDLE, DRIVING or LATCHED.
         cause: Why it is latched: an index of `CAUSES`.
         has_base: 1 if height and linear velocity of the base are measured, else 0.
-        faults: Bits of the driver's faults.
-        refused: How many datagrams were none of this protocol, or not for this robot.
-        foreign: How many came from others than the pinned peer.
+        faults: The driver's fault bits.
+        refused: How many datagrams were not of this protocol, or not for this robot.
+        foreign: How many came from someone other than the pinned peer.
         old: How many had an old session or sequence number.
         commands: How many commands were accepted in this session.
         values: ``(50,)`` joint positions, velocities, torques (12 each), orientation xyzw (4),
@@ -122,16 +122,16 @@ class State(NamedTuple):
 
 
 class Description(NamedTuple):
-    """What a bridge says of its robot.
+    """What a bridge says about its robot.
 
     Attributes:
         robot: The name of the robot.
         joints: The names of its twelve joints, in the order of all messages.
         rate_hz: How often the bridge reads and writes its driver [Hz].
         command_timeout: How long the runtime may be silent [s].
-        command_age: How old the state may be that a command answers [s].
+        command_age: How old the state that a command answers may be [s].
         state_timeout: How long the bridge may be silent [s].
-        damping: The damping of the joints of a robot that is latched [N m s/rad].
+        damping: The damping of the joints when the bridge damps them [N m s/rad].
         position_low: ``(12,)`` smallest joint angles [rad].
         position_high: ``(12,)`` largest joint angles [rad].
         speed: ``(12,)`` largest joint rates [rad/s].
@@ -152,20 +152,20 @@ class Description(NamedTuple):
 
 
 LONGEST_TIMEOUT = 1.0
-"""[s] No bridge drives longer without a command: a robot has fallen by then."""
+"""[s] No bridge drives longer than this without a command: a robot has fallen by then."""
 
 
 def check_description(description: Description) -> None:
     """Check that a description can be sent, and that limits and times can keep the robot safe.
 
     Args:
-        description: What a bridge says of its robot.
+        description: What a bridge says about its robot.
 
     Raises:
         ValueError: It cannot be sent (see `pack_description`), the rate is below 1 Hz, every
             command would be too late at that rate, the timeout of commands is more than
             `LONGEST_TIMEOUT`, a range of angles is empty, or a time, another limit or the damping
-            is not positive; NaN is none of these.
+            is not positive; NaN is refused, too.
     """
     pack_description(description)
     if description.rate_hz < 1:
@@ -179,7 +179,7 @@ def check_description(description: Description) -> None:
         value = getattr(description, name)
         if not value > 0.0:
             raise ValueError(f"the bridge's {name} is {value}; use a number above 0")
-    # A command answers the state of the tick before, and has to be in time until the next one.
+    # A command answers the state of the previous tick, and must not be late until the next tick.
     for name, ticks in (("command_timeout", 1), ("command_age", 2)):
         least = ticks / description.rate_hz
         if getattr(description, name) < 1.001 * least:
@@ -203,7 +203,7 @@ def check_description(description: Description) -> None:
 
 
 def robot_id(robot: str, joints: Sequence[str], rate_hz: int) -> int:
-    """The number of a robot: names, joint order and rate decide it.
+    """The number of a robot, which follows from names, joint order and rate.
 
     Args:
         robot: The name of the robot.
@@ -221,7 +221,7 @@ def pack(packet: Packet) -> bytes:
         packet: The datagram.
 
     Raises:
-        ValueError: The body has not the size that belongs to the kind.
+        ValueError: The body does not have the size that belongs to the kind.
     """
     kind, number, session, sequence, time_ns, echo_ns, body = packet
     if _SIZES.get(kind) != len(body):
@@ -232,13 +232,13 @@ def pack(packet: Packet) -> bytes:
 
 
 def unpack(data: bytes) -> Packet:
-    """The datagram that bytes are.
+    """The datagram in some bytes.
 
     Args:
         data: The bytes, of any length and origin.
 
     Raises:
-        Refused: They are no datagram of this protocol and version.
+        Refused: They are not a datagram of this protocol and version.
     """
     if len(data) < _HEADER.size + _CRC.size:
         raise Refused("too short")
@@ -278,13 +278,13 @@ def pack_state(state: State) -> bytes:
     """The body of a STATE.
 
     Args:
-        state: What the bridge has to say.
+        state: What the bridge reports.
     """
     return _STATE.pack(*state[:-1], *state.values)
 
 
 def unpack_state(body: bytes) -> State:
-    """What a bridge said; undoes `pack_state`.
+    """What a bridge reported; undoes `pack_state`.
 
     Args:
         body: The body of a STATE.
@@ -297,7 +297,7 @@ def pack_description(description: Description) -> bytes:
     """The body of a DESCRIPTION.
 
     Args:
-        description: What a bridge says of its robot.
+        description: What a bridge says about its robot.
 
     Raises:
         ValueError: A name is longer than 40 bytes, there are not twelve joints or not as many
@@ -323,13 +323,13 @@ def pack_description(description: Description) -> bytes:
 
 
 def unpack_description(body: bytes) -> Description:
-    """What a bridge said of its robot; undoes `pack_description`.
+    """What a bridge said about its robot; undoes `pack_description`.
 
     Args:
         body: The body of a DESCRIPTION.
 
     Raises:
-        Refused: A name is no text.
+        Refused: A name is not text.
     """
     robot, joints, rate_hz, *numbers = _DESCRIPTION.unpack(body)
     try:

@@ -1,7 +1,7 @@
-"""What a loop of 1 ms asks of the system: to go first, to stay in memory, and not to be paused.
+"""What a 1 ms loop needs from the system: to run first, to stay in memory, and not to be paused.
 
-Priority and memory need Linux and the right to them; without either a warning says so. Read `loop`
-for what has to be in time.
+Priority and locked memory need Linux and permissions; where one is not granted, there is a warning.
+Read `loop` for what has to be in time.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ _IPC_LOCK = 14  # CAP_IPC_LOCK of <linux/capability.h>
 
 
 def take_real_time_priority(priority: int = PRIORITY) -> None:
-    """Ask the system to run this thread before all that are not in real time.
+    """Ask the system to run this thread before all threads that are not in real time.
 
-    What this process has touched stays in memory from then on: code and data that are not used for
-    seconds, such as those of a gate that is never left, may be dropped otherwise, and reading them
-    again takes many ticks. Without the rights to either (CAP_SYS_NICE, CAP_IPC_LOCK), or on another
-    system than Linux, it warns.
+    What this process has touched stays in memory from then on. Otherwise, code and data that are
+    not used for seconds, such as those for leaving a gate, may be dropped, and reading them again
+    takes many ticks. Without the permissions (CAP_SYS_NICE, CAP_IPC_LOCK), or on a system other
+    than Linux, it warns.
 
     Args:
-        priority: Its priority; a larger one goes first.
+        priority: Its priority; a larger one runs first.
     """
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
@@ -46,10 +46,10 @@ def take_real_time_priority(priority: int = PRIORITY) -> None:
 
 @contextmanager
 def beside_real_time() -> Iterator[None]:
-    """A context in which this thread goes right after one that has taken real-time priority.
+    """A context that gives this thread the next lower priority than a real-time thread has.
 
-    Both take turns under Python's lock: if this one were made to wait while it holds the lock, the
-    other one would wait with it, whatever its priority.
+    Both take turns under Python's lock: if the system made this thread wait while it has the lock,
+    the real-time thread would wait with it, whatever its priority.
     """
     take_real_time_priority(PRIORITY - 1)
     try:
@@ -80,7 +80,7 @@ def lock_memory() -> None:
     """Keep in memory what this process touches.
 
     Raises:
-        OSError: It has no right to that, or not to as much as it likes.
+        OSError: It may not, or only up to a limit.
     """
     import resource
 
@@ -92,16 +92,16 @@ def lock_memory() -> None:
 
 
 def _has_no_limit() -> bool:
-    """Whether this process has the right CAP_IPC_LOCK, for which the limit does not hold."""
+    """Whether this process has the capability CAP_IPC_LOCK, to which the limit does not apply."""
     found = re.search(r"CapEff:\s*([0-9a-f]+)", Path("/proc/self/status").read_text())
     return found is not None and bool(int(found[1], 16) >> _IPC_LOCK & 1)
 
 
 def unlock_memory() -> None:
-    """Let the system drop again what it likes.
+    """Let the system drop parts of the memory again.
 
     Raises:
-        OSError: It does not know of this.
+        OSError: The system refuses.
     """
     _call("munlockall")
 

@@ -1,7 +1,8 @@
-"""The flight recorder: the last ten seconds, every tick, written whole when the robot is given up.
+"""The flight recorder: every tick of the last ten seconds, written when the robot is given up.
 
-A `Flight` says what was measured and commanded, who drove, how long it took, and why it ended. It
-holds arrays only, and reading one runs nothing. `surefoot play FLIGHT.npz` films it.
+A `Flight` has what was measured and commanded, who drove, how long each tick took, and why the
+flight ended. It consists of arrays only, so reading a file runs no code. `surefoot play FLIGHT.npz`
+films it.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class Flight:
         robot: ``()`` the name of the robot.
         fault: ``()`` the name of the fault; empty if there was none.
         detail: ``()`` what was measured, and what is allowed.
-        tick: ``(n,)`` the ticks since the runtime was started.
+        tick: ``(n,)`` the number of each tick since the runtime was started.
         time_ns: ``(n,)`` the runtime's clock when the tick began [ns].
         robot_time_ns: ``(n,)`` the robot's clock in the measurement [ns].
         mode: ``(n,)`` 0 damped, 1 standing up, 2 driven.
@@ -46,16 +47,16 @@ class Flight:
         angular_velocity: ``(n, 3)`` of the base, base frame [rad/s].
         acceleration: ``(n, 3)`` specific force at the base, base frame [m/s^2].
         base: ``(n, 4)`` height [m] and linear velocity [m/s] of the base; NaN where not measured.
-        position: ``(n, 12)`` joint targets commanded [rad]; NaN where nothing was.
+        position: ``(n, 12)`` joint targets commanded [rad]; NaN where nothing was commanded.
         velocity: ``(n, 12)`` rates commanded [rad/s].
         kp: ``(n, 12)`` stiffness commanded [N m/rad].
         kd: ``(n, 12)`` damping commanded [N m s/rad].
         torque: ``(n, 12)`` feed-forward torques commanded [N m].
         work_us: ``(n,)`` from the measurement to the written command [us].
-        round_trip_us: ``(n,)`` from a command to the state that knows of it [us].
+        round_trip_us: ``(n,)`` from a command to the state that answers it [us].
         gait_tick: ``(n,)`` the gait clock [ms]; -1 where the robot was not driven.
         gait: ``(n,)`` the number of the gait that was walked; 0 where the robot was not driven, and
-            throughout in files of earlier versions, which do not say it.
+            everywhere in files of earlier versions, which did not record it.
     """
 
     shapes: ClassVar[Mapping[str, Shape]] = {
@@ -110,17 +111,17 @@ class Flight:
 
 
 class TickRecord(NamedTuple):
-    """What the recorder keeps of a tick besides measurement and command of the joints.
+    """What the recorder keeps of a tick in addition to the measurement and the joint command.
 
     Attributes:
-        tick: The tick since the runtime was started.
+        tick: The number of the tick since the runtime was started.
         time_ns: The runtime's clock when the tick began [ns].
         mode: 0 damped, 1 standing up, 2 driven.
         expert_drove: Whether the expert drove.
         command: The velocity asked for.
         gait_tick: The gait clock [ms]; -1 where the robot is not driven.
         work_us: From the measurement to the written command [us].
-        round_trip_us: From a command to the state that knows of it [us].
+        round_trip_us: From a command to the state that answers it [us].
         gait: The number of the gait that is walked; 0 where the robot is not driven.
     """
 
@@ -135,8 +136,8 @@ class TickRecord(NamedTuple):
     gait: int = 0
 
 
-# A row holds all numbers of a tick side by side. Rows are made one by one: the first touch of each
-# part of one large array takes the system several ms, in the middle of a tick.
+# A row has all numbers of a tick side by side. Rows are allocated one by one: when a part of one
+# large array is first touched, the system takes several ms, in the middle of a tick.
 _INTEGERS = ("tick", "time_ns", "robot_time_ns", "mode", "expert_drove", "gait_tick", "gait")
 _WIDTHS = {
     "command": 3,
@@ -180,12 +181,12 @@ class FlightRecorder:
         self._rows: deque[tuple[tuple[int, ...], Array]] = deque(maxlen=size)
 
     def add(self, record: TickRecord, sensors: Sensors, command: JointCommand | None) -> None:
-        """Keep a tick in place of the oldest one.
+        """Keep a tick, in place of the oldest one.
 
         Args:
-            record: When it was, who drove, and how long it took.
+            record: The time of the tick, who drove, and how long it took.
             sensors: What was measured.
-            command: What the joints were commanded; None if nothing.
+            command: The command to the joints; None if there was none.
         """
         integers = (
             record.tick,
@@ -212,12 +213,12 @@ class FlightRecorder:
         """What has been kept, the oldest tick first.
 
         Args:
-            fault: The name of the fault that ended it; empty if there was none.
+            fault: The name of the fault that ended the flight; empty if there was none.
             detail: What was measured, and what is allowed.
         """
         integers = np.empty((len(self._rows), len(_INTEGERS)), dtype=np.int64)
         numbers = np.empty((len(self._rows), sum(_WIDTHS.values())))
-        # Row by row, so that a thread that drives meanwhile never waits for all of them.
+        # Row by row, so that a thread that drives meanwhile never has to wait for all rows.
         for number, row in enumerate(self._rows):
             integers[number], numbers[number] = row
         arrays: dict[str, NDArray] = dict(zip(_INTEGERS, integers.T, strict=True))
@@ -249,14 +250,14 @@ def save_flight(path: Path, flight: Flight) -> None:
 
 
 def load_flight(path: Path) -> Flight:
-    """Read a flight; nothing in it is run.
+    """Read a flight; no code in the file is run.
 
     Args:
         path: The file.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is damaged, or no flight.
+        ValueError: The file is damaged, or is not a flight.
     """
     if not path.exists():
         raise FileNotFoundError(

@@ -1,6 +1,7 @@
-"""How long the runtime's ticks take, and which ticks of the robot it has missed.
+"""How long the runtime's ticks take, and how many ticks of the robot it has missed.
 
-A histogram costs nothing to fill; deadlines are counted by the robot's clock. Read `loop` next.
+A histogram costs next to nothing to fill; deadlines are counted by the robot's clock. Read `loop`
+next.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from surefoot.deploy.interfaces import Sensors
 BIN = 5
 """[us] The width of a bin."""
 BINS = 4000
-"""The number of bins: up to 20 ms; the last one holds all that took longer."""
+"""The number of bins: up to 20 ms; the last one also has all that took longer."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Histogram:
         """Count a time.
 
         Args:
-            microseconds: The time [us]; one that is negative counts as none.
+            microseconds: The time [us]; a negative one counts as zero.
         """
         self.counts[min(max(int(microseconds) // BIN, 0), BINS - 1)] += 1
         self.longest = max(self.longest, microseconds)
@@ -66,7 +67,7 @@ class Histogram:
 
 
 class TickClock:
-    """Finds the ticks between measurements that nobody saw, by the times of the measurements.
+    """Counts the unseen ticks, those without a measurement, by the times of the measurements.
 
     Ticks are numbered by their time since the first one, so that jitter does not accumulate.
 
@@ -80,7 +81,7 @@ class TickClock:
         self._due = 1  # the number of the next tick
 
     def unseen(self, time_ns: int) -> int:
-        """How many ticks there were between the last measurement and this one.
+        """How many ticks were unseen between the last measurement and this one.
 
         Args:
             time_ns: The time of this measurement [ns].
@@ -90,28 +91,28 @@ class TickClock:
             return 0
         number = round((time_ns - self._first_ns) / self._period_ns)
         unseen = max(number - self._due, 0)
-        # One that was late may be followed by one that seems early. It is no more than one: a
-        # clock that runs fast must not hide what nobody saw.
+        # After a late tick, one tick may seem early. No more than one: otherwise a clock that runs
+        # fast would hide unseen ticks.
         self._due = min(max(number, self._due) + 1, number + 2)
         return unseen
 
 
 class Deadlines:
-    """Counts the ticks of the robot without a command of their own, by the robot's clock.
+    """Counts the missed ticks of the robot, without a command of their own, by the robot's clock.
 
     A command that is written again because no new measurement has come keeps the bridge alive, but
-    the tick that nobody saw is missed all the same.
+    the unseen tick is missed all the same.
 
     Args:
         rate_hz: The number of ticks in a second [Hz].
 
     Attributes:
-        missed: How many ticks had none.
-        passed: How many ticks have passed since the first measurement, that one too.
-        in_a_row: How many of them came without a break until now.
-        unseen: How many ticks nobody saw between the last two measurements.
-        steady: Whether no tick was missed between the last two measurements.
-        late_work: Whether the command of the last measurement took longer than a tick.
+        missed: How many ticks were missed.
+        passed: How many ticks have passed, from that of the first measurement on.
+        in_a_row: How many ticks were missed in a row until now.
+        unseen: How many ticks had no measurement between the last two measurements.
+        steady: Whether no tick was unseen between the last two measurements.
+        late_work: Whether the command for the last measurement took longer than a tick.
     """
 
     def __init__(self, rate_hz: int) -> None:
@@ -126,7 +127,7 @@ class Deadlines:
         self._last: Sensors | None = None
 
     def is_new(self, sensors: Sensors) -> bool:
-        """Whether a measurement is another one than the last.
+        """Whether a measurement is not the last one again.
 
         Args:
             sensors: The measurement.
@@ -134,7 +135,7 @@ class Deadlines:
         return self._last is None or sensors.sequence != self._last.sequence
 
     def see(self, sensors: Sensors) -> None:
-        """Take a measurement; nothing is missed as long as nobody drives.
+        """Take a measurement; this counts no missed ticks, which `count` does.
 
         Args:
             sensors: The measurement.
@@ -148,13 +149,13 @@ class Deadlines:
         self._last = sensors
 
     def wait(self) -> None:
-        """Note that no new measurement has come, and the last command was written again in time."""
+        """Note that no new measurement has come, so the last command is written again in time."""
         self.unseen = 0
         self.count()
         self.late_work = False
 
     def count(self) -> None:
-        """Count what was missed before the last measurement; none missed ends a row of them."""
+        """Count the ticks missed before the last measurement; if there are none, a row ends."""
         missed = max(self.unseen, int(self.late_work))
         self.missed += missed
         self.in_a_row = self.in_a_row + missed if missed else 0
@@ -168,6 +169,6 @@ class Deadlines:
         self.late_work = nanoseconds > self._period_ns
 
     def begin(self) -> None:
-        """Begin a row of ticks that count."""
+        """Begin to count missed ticks in a row."""
         self.in_a_row = 0
         self.late_work = False

@@ -1,7 +1,7 @@
-"""A robot behind a bridge, as the runtime sees it: `RobotInterface` over the datagrams.
+"""A robot behind a bridge, as the runtime sees it: `RobotInterface` over datagrams.
 
-`connect` asks the bridge what its robot is. From then on `read` takes the newest STATE, and `write`
-sends a COMMAND that names the state it answers. Read `loop` next.
+`connect` asks the bridge for the description of its robot. From then on `read` takes the newest
+STATE, and `write` sends a COMMAND that names the state it answers. Read `loop` next.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from surefoot.deploy.interfaces import (
 from surefoot.deploy.protocol import Description, Packet, State
 
 GREETING = 100_000_000
-"""[ns] Interval between greetings until the first command, or another runtime could come."""
+"""[ns] Interval between greetings until the first command; they keep other runtimes out."""
 STATE_PATIENCE = 5.0
-"""[s] Maximum time that a robot in lockstep may be silent: nothing moves meanwhile."""
+"""[s] Maximum time that a robot in lockstep may be silent: its time stands still meanwhile."""
 NANOSECONDS = 1e9
 NUMBERS = np.dtype("<f8")
-"""The numbers in datagrams."""
+"""The type of the numbers in datagrams."""
 
 
 class UdpRobot:
@@ -41,12 +41,12 @@ class UdpRobot:
         channel: Carries the datagrams.
         peer: The address of the bridge.
         clock: Gives the time [ns].
-        lockstep: Whether the bridge ticks once for each command, and so has to be waited for.
+        lockstep: Whether the bridge ticks once for each command, so that `read` waits for it.
 
     Attributes:
-        state: What the bridge said last; None before it said anything.
-        round_trip_ns: From the sending of the newest command that the bridge had to the arrival of
-            the newest state [ns]; it contains up to a tick of waiting at the bridge.
+        state: The newest state from the bridge; None before the first one.
+        round_trip_ns: Time from sending the newest command that the bridge had received to the
+            arrival of the newest state [ns]; it contains up to a tick of waiting at the bridge.
         lockstep: Whether the bridge ticks once for each command.
         heard_ns: When the newest state arrived [ns].
         refused: How many datagrams were not from the bridge, not of this session, or old.
@@ -67,8 +67,8 @@ class UdpRobot:
         self._robot_id = 0
         self._session = 0
         self._sequence = 0
-        self._newest = 0  # sequence of the newest datagram of the bridge
-        self._read = 0  # what of them has been read
+        self._newest = 0  # the sequence number of the newest state from the bridge
+        self._read = 0  # that of the newest state that has been read
         self._bridges_clock = 0
         self._greeted_ns = 0
         self._sensors: Sensors | None = None
@@ -83,7 +83,7 @@ class UdpRobot:
 
     @property
     def _has_begun(self) -> bool:
-        """Whether the bridge has described its robot, and told what it measures."""
+        """Whether the bridge has described its robot, and sent a first state."""
         return self.connected and self.state is not None
 
     @property
@@ -98,11 +98,11 @@ class UdpRobot:
         return self._description
 
     def robot_clock(self) -> int:
-        """The robot's clock in the newest state [ns]; it is a `Clock` that stops with the robot."""
+        """The robot's clock in the newest state [ns]: a `Clock` that stops when the robot does."""
         return self._bridges_clock
 
     def connect(self, seconds: float = 2.0) -> Description:
-        """Ask the bridge what its robot is, and wait for the answer and a first measurement.
+        """Ask the bridge for its description, and wait for it and for a first measurement.
 
         Args:
             seconds: How long to wait.
@@ -128,7 +128,7 @@ class UdpRobot:
         self._post(protocol.HELLO, b"")
 
     def read(self) -> Sensors:
-        """See `RobotInterface`; waits for a new state, but no longer than a tick."""
+        """See `RobotInterface`; waits for a new state, at most for a tick unless in lockstep."""
         self.take()
         if not self._commands and self._clock() - self._greeted_ns >= GREETING:
             self.greet()
@@ -170,7 +170,7 @@ class UdpRobot:
         self._channel.close()
 
     def _wait_for_the_tick(self) -> None:
-        """Wait for the state that the last command has to lead to, and repeat the command."""
+        """Wait for the state that answers the last command, and repeat the command if needed."""
         begun = self._clock()
         while not self._is_done() and self._clock() - begun < STATE_PATIENCE * NANOSECONDS:
             self._channel.wait(0.2)
@@ -179,7 +179,7 @@ class UdpRobot:
                 self._channel.send(self._last_sent, self._peer)
 
     def _is_done(self) -> bool:
-        """Whether a state has come to which all commands have led."""
+        """Whether a state has come that accounts for all commands."""
         return self.state is not None and self.state.commands >= self._commands
 
     def _post(self, kind: int, body: bytes) -> None:
@@ -194,9 +194,9 @@ class UdpRobot:
         self._channel.send(self._last_sent, self._peer)
 
     def take(self) -> None:
-        """Take the datagrams that have come; the newest state counts.
+        """Take the datagrams that have come, and keep the newest state.
 
-        A flood of others than the bridge's does not delay a tick.
+        A flood of datagrams from anyone but the bridge does not delay a tick.
         """
         most = self.refused + MOST_DATAGRAMS
         while self.refused < most and (received := self._channel.receive()) is not None:
@@ -215,7 +215,7 @@ class UdpRobot:
                 self.refused += 1
 
     def _meet(self, packet: Packet) -> None:
-        """Begin the session that a bridge grants; only one is begun."""
+        """Begin the session that a bridge grants; later ones are ignored."""
         description = protocol.unpack_description(packet.body)
         number = protocol.robot_id(description.robot, description.joints, description.rate_hz)
         if number != packet.robot_id:
@@ -228,7 +228,7 @@ class UdpRobot:
         self._bridges_clock = packet.time_ns
 
     def _believe(self, packet: Packet) -> None:
-        """Take a state over, if it is of this session and the newest."""
+        """Adopt a state, if it belongs to this session and is the newest."""
         if packet.session != self._session or packet.robot_id != self._robot_id:
             raise protocol.Refused("another session")
         if packet.sequence <= self._newest:
@@ -266,13 +266,13 @@ def address_text(address: Address) -> str:
 
 
 def parse_address(text: str) -> Address:
-    """The host and the port of a bridge; a host's name is resolved, since senders are numbers.
+    """The host and the port of a bridge; a host name is resolved, since senders are IP addresses.
 
     Args:
         text: The address, such as udp://127.0.0.1:5151.
 
     Raises:
-        ValueError: It is no such address, or nothing knows the host's name.
+        ValueError: It is not such an address, or the host name cannot be resolved.
     """
     parts = urlsplit(text)
     try:
