@@ -1,8 +1,8 @@
-"""Which commands of a box a gait walks, and the largest box that it does walk.
+"""At which commands of a box a gait walks, and the largest box that it can walk.
 
-A box is walked if the robot stays up at nine tenths of the commands that are spread over it. Where
-it does not, each end of each axis is tried alone in five steps, and the box of the ends that are
-walked is made smaller until it is. Next: `prepare`.
+A gait walks a box if the robot stays up at nine tenths of the commands spread over it. If it does
+not, each end of each axis is tried alone in five steps, and the box of the ends reached is shrunk
+until the gait walks it. Next: `prepare`.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ LEAST_SURVIVED = 0.9
 STEPS = (0.2, 0.4, 0.6, 0.8, 1.0)
 """The shares of an axis that are tried."""
 SHRUNK = 0.8
-"""A box whose ends are walked, but whose corners are not, is made so much smaller at a time."""
+"""Factor by which a box is shrunk at a time, if the gait walks its ends but not its corners."""
 TRIALS = 8
-"""The most times a box is shrunk."""
+"""Maximum number of times that a box is shrunk."""
 COMMANDS = 20
 """The number of commands at which a smaller box is tried."""
 DIGITS = 2
-"""The decimals of a box that is proposed; they are cut off."""
+"""The decimals of a box that is proposed; further ones are cut off."""
 
 
 def walks_enough(up: BoolArray) -> bool:
-    """Whether a gait walks a box, where ``(n,)`` robots are up at its commands."""
+    """Whether a gait walks a box, given ``(n,)`` True for the commands at which robots stay up."""
     return bool(up.mean() >= LEAST_SURVIVED)
 
 
 def largest_box(robot: RobotModel, config: Config) -> CommandBox | None:
-    """The largest box that a gait walks within the configured one; None if it does not even stand.
+    """The largest box in the configured one that a gait walks; None if robots fall on the spot.
 
     Args:
         robot: The robot.
@@ -51,7 +51,7 @@ def largest_box(robot: RobotModel, config: Config) -> CommandBox | None:
 
 
 def describe(box: CommandBox) -> str:
-    """A box for messages, as options of a command."""
+    """A box for messages, in the form of command-line options."""
     return " ".join(
         f"--{name} {low:g} {high:g}"
         for name, (low, high) in zip(("vx", "vy", "yaw-rate"), box.axes, strict=True)
@@ -59,7 +59,7 @@ def describe(box: CommandBox) -> str:
 
 
 def _walked_ends(robot: RobotModel, config: Config) -> CommandBox:
-    """The box of those parts of the ends of the axes that are walked, each one alone."""
+    """The box of the parts of the axes that the gait walks, each end of each axis alone."""
     axes = np.array(config.commands.axes)
     command = np.zeros((3, 2, len(STEPS), 3))
     for axis in range(3):
@@ -68,7 +68,7 @@ def _walked_ends(robot: RobotModel, config: Config) -> CommandBox:
     # Up to the first step at which the robot falls.
     steps = np.logical_and.accumulate(up, axis=2).sum(axis=2)
     walked = np.array([0.0, *STEPS])[steps] * axes
-    # An end on the far side of zero moves with the other one.
+    # If an axis does not contain zero, its near end moves with the far one.
     low = np.minimum(walked[:, 0], walked[:, 1])
     high = np.maximum(walked[:, 0], walked[:, 1])
     low = np.where(axes[:, 0] > 0.0, np.minimum(axes[:, 0], high), low)
@@ -83,11 +83,11 @@ def _up(robot: RobotModel, config: Config, command: Array) -> BoolArray:
 
 
 def _times(box: CommandBox, factor: float) -> CommandBox:
-    """A smaller box about the commands of a box that are the nearest to zero, in few decimals."""
+    """A smaller box about that command of a box which is nearest to zero, with few decimals."""
     axes = np.array(box.axes)
     center = np.clip(0.0, axes[:, :1], axes[:, 1:])
     reach = factor * (axes - center)
-    # Of 0.6, which is 0.59999 as a number, no hundredth is cut off.
+    # The small summand keeps 0.6, which may be 0.59999 as a float, from becoming 0.59.
     reach = np.trunc(reach * 10**DIGITS + 1e-6 * np.sign(reach)) / 10**DIGITS
     return _box(center + reach + 0.0)
 

@@ -1,9 +1,9 @@
-"""Command gains, measured: a gait reaches a share of what is planned, and more is planned for it.
+"""Measures command gains: a gait reaches only a share of what is planned, so more is planned.
 
 Six robots walk for three seconds from standing, each at one command along one axis, both ways; the
-gain of an axis is what was planned over what was reached. Biases that do not depend on the
-direction cancel. A gait that reaches little is measured once more, with the gain; where it then
-falls, the first gain stays, and `prepare` finds how far it walks with that. Next:
+gain of an axis is the planned velocity over the reached one. Biases that do not depend on the
+direction cancel. A gait that reaches little is measured once more, with the gain. If the robot then
+falls, the first gain stays, and `prepare` finds out at which commands it walks with that. Next:
 `surefoot.scenarios.walking`, and `surefoot.mpc.footholds`, where the gains are used.
 """
 
@@ -24,28 +24,28 @@ from surefoot.types import Array, BoolArray, to_ticks
 SECONDS = 3.0
 """[s] How long the robots walk."""
 SETTLED = 1.0
-"""[s] From here on their velocity counts."""
+"""[s] Time from which on their velocity counts."""
 TRIED = (0.2, 0.15, 0.5)
-"""[m/s, m/s, rad/s] vx, vy and yaw rate that a robot of Solo12's size is told, or less: no more
-than the box has."""
+"""[m/s, m/s, rad/s] vx, vy and yaw rate commanded to a robot of Solo12's size, or less if the box
+is narrower."""
 LEAST_TRIED = 0.25
-"""The least share of `TRIED` that it is told, however narrow the box: of less, a sway would count
-for much."""
+"""The least share of `TRIED` that is commanded, however narrow the box: with less, the sway of the
+gait would distort the result."""
 LEAST_SHARE = 0.4
-"""A gait that reaches less of what is planned does not go where it is told."""
+"""A gait that reaches a smaller share of what is planned does not follow its commands."""
 FAR = 1.5
-"""A larger gain is measured again with the gain itself: a gait that is so far from what is planned
-is not proportional to it."""
+"""A larger gain is measured again, with the gain applied: a gait that reaches so little does not
+respond in proportion to the command."""
 
 
 @dataclass(frozen=True)
 class _Reached:
-    """What six robots reached of what they were told, along vx, vy and yaw rate.
+    """How far six robots followed their commands, along vx, vy and yaw rate.
 
     Attributes:
-        told: ``(3,)`` what they were told, each way.
-        forward: ``(3,)`` what was reached of it.
-        backward: ``(3,)`` what was reached of its opposite.
+        told: ``(3,)`` the command along each axis; its opposite was commanded, too.
+        forward: ``(3,)`` the velocity reached at that command.
+        backward: ``(3,)`` the velocity reached at its opposite.
         up: ``(3,)`` True where neither robot fell.
     """
 
@@ -56,16 +56,16 @@ class _Reached:
 
     @property
     def share(self) -> Array:
-        """``(3,)`` the share that was reached, without what is the same both ways."""
+        """``(3,)`` the share of the command that was reached, without biases."""
         return (self.forward - self.backward) / (2 * self.told)
 
     @property
     def usable(self) -> BoolArray:
-        """``(3,)`` True where the robots stayed up and went where they were told."""
+        """``(3,)`` True where the robots stayed up and followed their commands."""
         return self.up & (self.share >= LEAST_SHARE)
 
     def where_usable(self, other: _Reached) -> _Reached:
-        """The same, with what was reached at another time along axes that are not usable."""
+        """These measurements, with those of another time along axes that are not usable."""
         return replace(
             self,
             forward=np.where(self.usable, self.forward, other.forward),
@@ -79,14 +79,14 @@ def calibrate_command_gain(
 ) -> CommandGain:
     """Measure the command gains of a robot and a gait; takes a few seconds.
 
-    Along an axis that `config.commands` closes at zero the robot may fall, or not move at all; the
-    gain is then 1.
+    Along an axis that is closed at zero in `config.commands`, the robot may fall or not move at
+    all; the gain is then 1.
 
     Args:
         robot: The robot.
-        gait: The gait, which is one that moves.
-        config: The expert, whose own gains have no influence, the commands, the simulator and the
-            fall bounds.
+        gait: The gait, which must not be one that stands.
+        config: The expert, whose own gains are ignored, the commands, the simulator and the fall
+            bounds.
         scale: The robot's leg length over Solo12's.
 
     Raises:
@@ -113,7 +113,7 @@ def calibrate_command_gain(
 
 
 def told_commands(box: CommandBox, scale: float) -> Array:
-    """``(3,)`` what robots are told when they are measured: vx, vy [m/s] and yaw rate [rad/s].
+    """``(3,)`` the commands in a measurement of gains: vx, vy [m/s] and yaw rate [rad/s].
 
     Args:
         box: The commands that they are to follow.
@@ -151,7 +151,7 @@ def _reached(walks: Walks, config: Config) -> _Reached:
         walks: What they did, from `_walks`.
         config: The gait and the fall bounds.
     """
-    # Whole periods, so that a gait's sway cancels.
+    # Whole periods, so that the sway of the gait cancels.
     period = to_ticks(config.gait.period)
     counted = max((to_ticks(SECONDS) - to_ticks(SETTLED)) // period, 1) * period
     velocity = walks.since(to_ticks(SECONDS) - counted).mean_velocity
@@ -165,7 +165,7 @@ def _check_moved(reached: _Reached, needed: BoolArray, gait: str) -> None:
     """Check that a gait moves the robot along each axis that is needed.
 
     Raises:
-        GaitError: It reached too small a share of what it was told.
+        GaitError: It reached too small a share of its command.
     """
     share = np.where(needed, reached.share, 1.0)
     axis = int(share.argmin())

@@ -1,9 +1,10 @@
 """What disturbs a robot in simulation: pushes, noise, another ground or load, late torques.
 
 `draw_disturbances` fixes the disturbances of each episode by its id, independent of the worker that
-computes it. What a robot measures is what its policy sees, and what is recorded to learn from;
-falls and tracking errors are judged by the truth. Expert and safety monitor see the truth in a
-training, as privileged teachers, and what the robot measures in an evaluation. Read `sensors` next.
+computes it. The policy sees what a robot measures, and this is recorded to learn from; falls and
+tracking errors are judged by the true state. In training, expert and safety monitor see the true
+state, as privileged teachers; in an evaluation, they see what the robot measures. Read `sensors`
+next.
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ from surefoot.types import Array, IntArray, to_ticks
 logger = logging.getLogger(__name__)
 
 LIKE_SOLO12 = 1.5
-"""A robot of at most so many times a Solo12's mass feels a Solo12's pushes."""
+"""Pushes made for Solo12 suit a robot of at most this many times its mass."""
 EARLY = 0.2
-"""The push of a tail begins within this time of it, so that the rest shows the recovery [s]."""
+"""The push of a tail begins within this time of its start, so that the rest shows the recovery [s].
+"""
 
 
 @dataclass(frozen=True)
@@ -43,7 +45,7 @@ class Pushes:
         tick: ``(B, K)`` tick of the episode at which each push begins [ms].
         duration: The time over which each impulse is spread evenly [ms].
 
-    A tick may be negative: that push began before the episode, which holds what is left of it.
+    A tick may be negative: that push began before the episode, and what is left of it acts.
 
     Raises:
         ValueError: The shapes do not agree, an impulse is not finite, or the ticks or the duration
@@ -55,7 +57,7 @@ class Pushes:
     duration: int
 
     def __post_init__(self) -> None:
-        """Check that every push is one that can act."""
+        """Check that every push is valid."""
         object.__setattr__(self, "impulse", np.asarray(self.impulse, dtype=float))
         object.__setattr__(self, "tick", np.asarray(self.tick))
         expected = (*self.tick.shape, 3)
@@ -107,16 +109,16 @@ class Disturbance:
         pushes: The pushes on the robots; None without any.
         friction: ``(B,)`` friction coefficient of feet and ground; None leaves the simulator's.
         mass: ``(B,)`` factor on mass and inertia of the base; None leaves the robot's.
-        noise: Standard deviations of the noise on what is measured.
+        noise: Standard deviations of the measurement noise.
         delay: The time from a torque's command to its action [ms].
-        seeds: The roots of the noise of the B robots' sensors.
+        seeds: The root seeds of the sensor noise of the B robots.
         torque_noise: Noise on the torques that act; None without any.
         measured: ``(B,)`` ticks of each robot's noise before the episode [ms]; None is none.
-        privileged: Whether expert and arbiter see the states without noise, as those of a training
-            do; False shows them what the robots measure, as an expert that is judged sees it.
+        privileged: Whether expert and arbiter see the states without noise, as in training; if not,
+            they see what the robots measure, as in an evaluation.
 
     Raises:
-        ValueError: The fields are of different numbers of robots, a number is not finite or out of
+        ValueError: The fields are for different numbers of robots, a number is not finite or out of
             its range, or there is noise without seeds.
     """
 
@@ -131,7 +133,7 @@ class Disturbance:
     privileged: bool = True
 
     def __post_init__(self) -> None:
-        """Check all fields, and bring friction and mass to arrays."""
+        """Check all fields, and turn friction and mass into arrays."""
         for name, values in (("friction", self.friction), ("mass", self.mass)):
             if values is not None:
                 object.__setattr__(self, name, _positive(name, values))
@@ -158,7 +160,7 @@ class Disturbance:
             raise ValueError(f"disturbance: {given}; give each for the same number of robots")
 
     def _robots(self) -> dict[str, int]:
-        """For how many robots each field is, of those that are given."""
+        """The number of robots for each field that is given."""
         pushed = None if self.pushes is None else self.pushes.tick
         fields = {
             "pushes": pushed,
@@ -180,7 +182,7 @@ class Disturbance:
         chosen = np.arange(len(self.seeds))[rows] if self.seeds else ()
         measured = self.measured
         if measured is None and self.seeds:
-            measured = np.zeros(len(self.seeds), int)  # so that none of the robots are none, too
+            measured = np.zeros(len(self.seeds), int)  # has a length even if no row is left
         return replace(
             self,
             pushes=None if self.pushes is None else self.pushes[rows],
@@ -192,12 +194,12 @@ class Disturbance:
         )
 
     def after(self, ticks: IntArray) -> Disturbance:
-        """What disturbs the B robots in episodes that go on from these.
+        """What disturbs the B robots in episodes that branch off from these.
 
-        Friction, mass and delay stay; the pushes that are to come, and the noise, go on.
+        Friction, mass and delay stay; pushes that are not over yet, and the noise, continue.
 
         Args:
-            ticks: ``(B,)`` how far into its episode each robot goes on [ms].
+            ticks: ``(B,)`` the tick of its episode at which each robot branches off [ms].
         """
         pushes = self.pushes
         if pushes is not None:
@@ -247,10 +249,10 @@ def join_optional(parts: Sequence[NDArray | None]) -> NDArray | None:
 
 
 def _positive(name: str, values: Array) -> Array:
-    """``(B,)`` values of a field, each of which has to be a positive number.
+    """``(B,)`` values of a field, after checking that all are positive numbers.
 
     Raises:
-        ValueError: A value is not, or there is not one value for each robot.
+        ValueError: A value is not positive, or there is not one value for each robot.
     """
     array = np.asarray(values, dtype=float)
     if array.ndim != 1:
@@ -273,7 +275,7 @@ class _Drawn:
         mass: Factor on the mass of the base.
         impulse: ``(K, 3)`` impulse of each push in the heading frame [N s].
         tick: ``(K,)`` tick of the episode at which each push begins [ms].
-        sensing: Root of the noise of the robot's sensors.
+        sensing: Root seed of the robot's sensor noise.
     """
 
     friction: float
@@ -295,7 +297,7 @@ def draw_disturbances(
 
     Args:
         config: How many pushes there are, and the range of everything that is drawn.
-        seed: Root of the randomness.
+        seed: Root seed.
         episode: ``(B,)`` ids of the episodes.
         duration: The time within which pushes begin [s]; 0 for a tail alone.
         friction: The coefficient that the drawn factors multiply.
@@ -337,10 +339,10 @@ def _draw(
 
 
 def warn_of_pushes(option: str, config: DisturbanceConfig, robot: RobotModel) -> None:
-    """Warn of pushes that are left as they are by default, a Solo12's, on a robot of another mass.
+    """Warn of the default pushes, which are made for Solo12, on a heavier robot.
 
     Args:
-        option: What the section of the configuration is called.
+        option: The name of the section of the configuration.
         config: The section.
         robot: The robot.
     """

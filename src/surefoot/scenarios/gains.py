@@ -1,7 +1,7 @@
-"""Command gains that are kept: measured once for a robot and a gait, and found again.
+"""Keeps command gains, which are measured once for a robot and a gait.
 
 They are a small file below the user's caches, under a SHA-256 of what they depend on (`keys`).
-`calibration` measures them; `prepare` makes everything else that follows.
+`calibration` measures them; `prepare` makes everything else that is needed.
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ from surefoot.scenarios.walking import GaitError
 NO_GAIN: Triple = (1.0, 1.0, 1.0)
 """The gains where none are measured."""
 ZERO: Triple = (0.0, 0.0, 0.0)
-"""What was reached where nothing was measured."""
+"""The velocity reached where nothing was measured."""
 
 logger = logging.getLogger(__name__)
 
 
 def check_goes(config: Config) -> None:
-    """Check that robots are told to go nowhere where all that they do is to stand.
+    """Check that the commands are zero if all gaits stand.
 
-    A gait that stands beside others, by the same commands, does so whatever they are.
+    A standing gait among others, which share its commands, stands whatever they are.
 
     Args:
         config: The gaits and the commands.
 
     Raises:
-        GaitError: They are told to go somewhere.
+        GaitError: The commands are not zero.
     """
     if all(map(stands, config.gaits)) and needed_axes(config.commands).any():
         raise GaitError(
@@ -53,7 +53,7 @@ def check_goes(config: Config) -> None:
 
 
 def with_measured_gain(config: Config) -> Config:
-    """The configuration with the robot's own values, and measured command gains for None.
+    """The configuration with the robot's own values and measured command gains in place of None.
 
     Args:
         config: The configuration; gains that are given stay.
@@ -65,7 +65,7 @@ def with_measured_gain(config: Config) -> Config:
 
 
 def _with_measured_gain(config: Config) -> Config:
-    """The same of a configuration of one gait."""
+    """The same as `with_measured_gain`, for a configuration of one gait."""
     own = with_own_values(config)
     if own.expert.command_gain is not None:
         return own
@@ -74,7 +74,7 @@ def _with_measured_gain(config: Config) -> Config:
 
 
 def measured_gain(robot: RobotModel, config: Config) -> CommandGain:
-    """The command gains of a robot and a gait, measured in seconds, or those that were before.
+    """The command gains of a robot and a gait, measured in seconds unless they were before.
 
     Args:
         robot: The robot.

@@ -1,11 +1,11 @@
-"""When robots change their gait in an episode, and to which one, by command.
+"""When robots change their gait in an episode on command, and to which one.
 
-A gait is commanded as a velocity is. All gaits keep one clock, that of the episode, and each is at
-the phase that this has in its own period: nothing is carried over, and what a controller does
-depends on state, clock and command alone. A gait may be asked for at any time; a robot begins it
-where a cycle of it begins (`gait_clock.switch_tick`). Of switches at any node of the grid of plans,
-those into a pronk that was about to take off were falls. Read `rollouts.engine` next, which
-commands them.
+A gait is commanded just as a velocity is. All gaits share one clock, that of the episode, and each
+derives its phase from it by its own period: nothing is carried over, and a controller depends on
+state, clock and command alone. A gait may be commanded at any time; a robot begins it where one of
+its cycles begins (`gait_clock.switch_tick`). When gaits began at any node of the grid of plans,
+robots fell if they entered a pronk that was about to take off. Read `rollouts.engine` next, which
+commands the gaits.
 """
 
 from __future__ import annotations
@@ -28,23 +28,23 @@ NEVER = 2**31
 
 @dataclass(frozen=True)
 class GaitSwitches:
-    """The changes of gait of B robots, at most n of each.
+    """The gait switches of B robots, at most n for each.
 
     Attributes:
-        elapsed: ``(B, n)`` the tick of the episode from which on each gait is walked [ms], in each
-            row in the order of time; `NEVER` fills a row up.
+        elapsed: ``(B, n)`` the tick of the episode at which each gait begins [ms], in order of time
+            in each row; a row is padded with `NEVER`.
         gait: ``(B, n)`` the number of that gait.
 
     Raises:
-        ValueError: The two have other shapes, a row is not in the order of time, or a number of a
-            gait is negative.
+        ValueError: The two do not have the same shape, a row is not in order of time, or the number
+            of a gait is negative.
     """
 
     elapsed: IntArray
     gait: IntArray
 
     def __post_init__(self) -> None:
-        """Check both arrays, and make them arrays of one type."""
+        """Check both arrays, and convert them to one type."""
         if np.ndim(self.elapsed) != 2 or np.shape(self.elapsed) != np.shape(self.gait):
             raise ValueError(
                 f"gaits {np.shape(self.gait)} from the ticks {np.shape(self.elapsed)} on; give "
@@ -80,7 +80,7 @@ class GaitSwitches:
         return gaits[np.arange(len(self)), begun]
 
     def table(self, first: IntArray, ticks: int) -> IntArray:
-        """``(B, ticks)`` the same for all ticks of an episode.
+        """``(B, ticks)`` the same as `at`, for all ticks of an episode.
 
         Args:
             first: ``(B,)`` the gaits in which the robots begin.
@@ -93,10 +93,10 @@ class GaitSwitches:
         return table
 
     def after(self, elapsed: IntArray) -> GaitSwitches:
-        """The switches as they are for robots whose episodes go on as new ones.
+        """The switches of new episodes that branch off from these.
 
         Args:
-            elapsed: ``(B,)`` the tick at which each of them goes on.
+            elapsed: ``(B,)`` the tick of its episode at which each robot branches off.
         """
         later = np.where(self.elapsed < NEVER, self.elapsed - elapsed[:, None], NEVER)
         return GaitSwitches(later, self.gait)
@@ -107,7 +107,7 @@ def gait_table(first: IntArray, switches: GaitSwitches | None, ticks: int) -> In
 
     Args:
         first: ``(B,)`` the gaits in which the robots begin.
-        switches: When they change it; None if none does.
+        switches: When they change their gait; None if none does.
         ticks: The number of ticks.
     """
     if switches is None:
@@ -131,13 +131,13 @@ def join_switches(parts: Sequence[GaitSwitches]) -> GaitSwitches:
 def switches_at(
     gaits: Sequence[Gait], starts: Starts, asked: IntArray, chosen: IntArray
 ) -> GaitSwitches:
-    """Switches of gait that are asked for at some ticks, each at its `switch_tick`.
+    """Gait switches that are commanded at some ticks; each happens at its `switch_tick`.
 
     Args:
         gaits: The gaits, by their numbers.
         starts: The B initial states, with their clocks and gaits.
-        asked: ``(B, n)`` the ticks of the episode at which a gait is asked for [ms], in each row in
-            the order of time.
+        asked: ``(B, n)`` the ticks of the episode at which a gait is commanded [ms], in order of
+            time in each row.
         chosen: ``(B, n)`` the numbers of these gaits.
     """
     elapsed = np.empty(np.shape(asked), dtype=np.int64)
@@ -147,7 +147,7 @@ def switches_at(
         before = clock
         for switch, (tick, number) in enumerate(zip(ticks.tolist(), numbers.tolist(), strict=True)):
             new = gaits[number]
-            # A gait that is asked for later does not begin before an earlier one.
+            # A gait that is commanded later does not begin before an earlier one.
             before = switch_tick(old, new, max(clock + tick, before))
             elapsed[robot, switch] = before - clock
             old = new
@@ -157,18 +157,19 @@ def switches_at(
 def draw_switches(
     config: Config, starts: Starts, duration: float, ids: IntArray
 ) -> GaitSwitches | None:
-    """The switches of episodes at random times, from each gait to any other one.
+    """The gait switches of episodes at random times, from each gait to any other one.
 
-    They are fixed by the root seed and the ids of the episodes. Each has an equal part of the time.
+    They are fixed by the root seed and the ids of the episodes. On average, each gait gets an equal
+    part of the time.
 
     Args:
         config: The gaits, how often robots change them, and the root seed.
         starts: The B initial states.
-        duration: The time in which a gait may be asked for [s].
+        duration: The time in which a gait may be commanded [s].
         ids: ``(B,)`` ids of the episodes.
 
     Returns:
-        The switches; None if there are none, or one gait alone.
+        The switches; None if there are none, or only one gait.
     """
     count = config.switches
     gaits = config.gaits
@@ -192,7 +193,7 @@ def in_turn(
 ) -> tuple[Starts, GaitSwitches]:
     """Initial states and switches of robots that walk some gaits one after another.
 
-    Each has an equal part of the time.
+    Each gait gets an equal part of the time.
 
     Args:
         config: The gaits.

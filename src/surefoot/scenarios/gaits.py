@@ -1,8 +1,8 @@
-"""What robots of several gaits need: that of each gait, prepared alone, put together.
+"""The initial states of robots with several gaits, prepared for each gait alone and then joined.
 
 Each gait has its own command gains and initial states, exactly those of the gait alone, so that
-they are found again by runs of one gait. Robots of several gaits share one table of safety bounds,
-which holds those of each of them. Read `prepare` for one gait.
+runs with one gait find them again. Robots with several gaits share one table of safety bounds,
+which includes those of each gait. Read `prepare` for one gait.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from surefoot.scenarios.starts import Starts, StartSet, join_starts, starts_of
 from surefoot.types import IntArray
 
 IDS_OF_A_GAIT = 1_000_000
-"""The initial states of gait number n have the ids from n times this on, before which there are
-those of the other gaits: more than a set can hold in a file of reasonable size."""
+"""The ids of the initial states of gait number n begin at n times this, which is more than a set in
+a file of reasonable size can have."""
 
 
 def gait_of(id: IntArray) -> IntArray:
@@ -34,10 +34,10 @@ def gait_of(id: IntArray) -> IntArray:
 
 
 def of_gait(starts: Starts, number: int) -> Starts:
-    """Initial states of a set as those of a gait, with ids of its own.
+    """Initial states of a set as those of a gait, with the ids of that gait.
 
     Args:
-        starts: Initial states of the set of the gait.
+        starts: Initial states of the gait's set.
         number: The number of the gait.
     """
     if number == 0:
@@ -63,14 +63,14 @@ class AllStarts:
 
     @cached_property
     def hash(self) -> str:
-        """The hash of the only set, or one over those of several."""
+        """The hash of the only set, or a hash over the hashes of several sets."""
         if len(self.sets) == 1:
             return self.sets[0].hash
         return hashlib.sha256(" ".join(stored.hash for stored in self.sets).encode()).hexdigest()
 
     @property
     def seed(self) -> int:
-        """Root of what disturbs evaluations on these sets, as `StartSet.seed`."""
+        """Root seed of the disturbances in evaluations on these sets, as `StartSet.seed`."""
         return int(self.hash[:8], 16)
 
     def first(self, split: str, n: int) -> Starts:
@@ -83,15 +83,18 @@ class AllStarts:
         return self.join([stored.first(split, n) for stored in self.sets])
 
     def join(self, parts: Sequence[Starts]) -> Starts:
-        """Initial states of each gait, by their numbers, gait by gait.
+        """The initial states of all gaits in one, gait by gait.
 
         Args:
-            parts: Initial states of each of the sets.
+            parts: Initial states of each of the sets, in the order of the gaits' numbers.
         """
         return join_starts([of_gait(part, number) for number, part in enumerate(parts)])
 
     def phases(self, id: IntArray) -> IntArray:
-        """``(n,)`` numbers that tell phases and gaits apart; -1 of no set, as `StartSet.phases`."""
+        """``(n,)`` numbers that differ for each phase and gait; -1 for those of no set.
+
+        They are the indices of `StartSet.phases`, shifted from gait to gait.
+        """
         gait = gait_of(id)
         phases = np.full(len(id), -1)
         first = 0
@@ -108,6 +111,6 @@ def all_starts_of(config: Config) -> AllStarts:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: A set is missing, or is of another robot or gait (`starts.starts_of`).
+        ValueError: A set is missing, or belongs to another robot or gait (`starts.starts_of`).
     """
     return AllStarts(tuple(starts_of(one) for one in each_gait(config)))

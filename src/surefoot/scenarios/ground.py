@@ -1,8 +1,8 @@
 """The ground of episodes: drawn for each from its id, and put under the robot where it begins.
 
 Robots stay where their initial states have them. The ground is moved and turned so that a random
-place of it lies below, and raised until it is as near to the robot as level ground at z = 0 was.
-Read `sim.terrain` first, and `rollouts.jobs` next, which lets every episode begin so.
+place of it is below the robot, and raised until it is as close to the robot as level ground at
+z = 0 was. Read `sim.terrain` first, and `rollouts.jobs` next, which does this in every episode.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from surefoot.sim.terrain import Ground, ground_below
 from surefoot.types import Array, IntArray
 
 FARTHEST_PLACE = 2.0
-"""[m] Robots begin so far from the middle of a terrain at most, along both of its axes: 4 m are
-left to its edge in every direction."""
+"""[m] Maximum distance from the middle of a terrain at which robots begin, along each axis: 4 m are
+left to the edge in every direction."""
 DEEPEST = 0.02
-"""[m] A robot that begins deeper in the ground is refused; where one has fallen on a hard edge its
-legs are some millimeters deep."""
+"""[m] A robot that begins deeper in the ground is refused; the legs of one that has fallen on a
+hard edge are some millimeters deep."""
 
 
 def draw_ground(
@@ -32,9 +32,9 @@ def draw_ground(
     """Draw the ground of episodes, each from its own id, and put it under their robots.
 
     Args:
-        terrains: What is drawn from, at least one; each is as likely as any other.
-        seed: The root of the randomness.
-        episode: ``(B,)`` ids of the episodes; in an evaluation those of the initial states.
+        terrains: The terrains to draw from, at least one; all are equally likely.
+        seed: Root seed.
+        episode: ``(B,)`` ids of the episodes; in an evaluation, those of the initial states.
         robot: The robot.
         q: ``(B, 19)`` configurations in which the robots begin.
     """
@@ -52,10 +52,10 @@ def draw_ground(
 
 
 def put_under(ground: Ground, robot: RobotModel, q: Array) -> Ground:
-    """Raise or lower each ground until it is as near to its robot as a plane at z = 0 would be.
+    """Raise or lower each ground until it is as close to its robot as a plane at z = 0 would be.
 
-    No part of a robot is in it that would not be in that plane; a state with its feet on level
-    ground has at least one on this ground.
+    No part of a robot is deeper in the ground than its lowest part would be in that plane; a robot
+    whose feet are on level ground has at least one on this ground.
 
     Args:
         ground: The ground of B robots, at any height.

@@ -1,7 +1,7 @@
-"""Keys of what is prepared once and kept: a SHA-256 over all that it depends on.
+"""Keys of what is prepared once and kept: a SHA-256 over everything that it depends on.
 
-Two configurations that differ in anything that decides the bits of a set of initial states have two
-keys; what has no part in it, such as the method or the seed of a run, has none in the key either.
+Configurations that differ in anything that affects the bits of a set of initial states have
+different keys; what does not affect them, such as the method or the seed of a run, is left out.
 """
 
 from __future__ import annotations
@@ -21,37 +21,38 @@ from surefoot.robots.identity import description_hash
 from surefoot.robots.load import find_profile, find_spec
 
 VERSION = 1
-"""Changes with what is kept and how it is made; another one makes everything anew."""
+"""Changes with what is kept and how it is made; with a new version, everything is made anew."""
 PACKAGES = ("surefoot", "numpy", "pin", "numba")
-"""Packages that decide what the expert does."""
+"""Packages that affect what the expert does."""
 SIMULATORS = {"mujoco": "mujoco", "bullet": "pybullet"}
 """The package of each simulator."""
 ROOMS = ("mpc", "robots", "scenarios", "sim")
-"""Folders of the package whose code decides it too, while somebody changes that code."""
+"""Folders of the package whose code affects it too, which matters when somebody changes the code.
+"""
 MODULES = ("rotations.py", "types.py", "config/commands.py", "config/gait_clock.py")
-"""Modules outside of these folders that do so."""
+"""Modules outside these folders whose code does so."""
 MEASURING = (*ROOMS, "evaluation", "rollouts")
-"""Folders whose code decides what an evaluation of the expert finds."""
+"""Folders whose code affects the results of an evaluation of the expert."""
 
 
 @dataclass(frozen=True)
 class Ingredients:
-    """What decides how the expert walks.
+    """Everything that affects how the expert walks.
 
     Attributes:
         version: `VERSION`.
         versions: Name and version of each package.
         code: SHA-256 of the package's own code.
         robot: SHA-256 of the robot's spec and description.
-        torque_limit: The torque limit of all joints, if it is one [N m].
+        torque_limit: The torque limit of all joints; None for the robot's own [N m].
         enforce_speed_limit: Whether motors stop at the joints' speed limits.
         profile: The content of the hardware profile, to which torques are clipped; None without.
-        simulation: The simulator, without its terrain: what is prepared is made on the plane.
+        simulation: The simulator, without its terrain, since robots are prepared on the plane.
         gait: The gait.
         expert: The expert.
-        fall_height: Base heights that are no fall [m].
+        fall_height: The range of base heights that are not a fall [m].
         fall_angle: Roll or pitch beyond this is a fall [deg].
-        grace: Falls count from here on [s].
+        grace: Time from which on falls count [s].
     """
 
     version: int
@@ -70,7 +71,7 @@ class Ingredients:
 
 
 def ingredients_of(config: Config) -> Ingredients:
-    """What decides how the expert of a configuration walks.
+    """Everything that affects how the expert of a configuration walks.
 
     Args:
         config: The configuration, with the robot's own values in place of None.
@@ -99,10 +100,10 @@ def key_of(*records: object) -> str:
 
 
 def code_hash(rooms: Sequence[str] = ROOMS) -> str:
-    """SHA-256 of the package's code that decides how the expert walks.
+    """SHA-256 of the package's code that affects how the expert walks.
 
     Args:
-        rooms: The folders of the package with that code, and with more of it where that matters.
+        rooms: The folders of the package to include; `MODULES` are always included.
     """
     sha = hashlib.sha256()
     package = Path(surefoot.__file__).parent
@@ -114,7 +115,7 @@ def code_hash(rooms: Sequence[str] = ROOMS) -> str:
 
 
 def _version(name: str) -> str:
-    """The version of a package; empty if it is not there."""
+    """The version of a package; empty if it is not installed."""
     try:
         return version(name)
     except PackageNotFoundError:

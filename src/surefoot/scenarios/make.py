@@ -1,9 +1,9 @@
 """Make a set of initial states: settled gait cycles of the expert, and perturbed neighbors of them.
 
-At each command of a box the expert walks until its gait has settled. The states at the replanning
+At each command of a box, the expert walks until its gait has settled. The states at the replanning
 instants of the next gait cycle are the nominal initial states; they are perturbed
-contact-consistently (paper, III-B) for the other splits. `surefoot.scenarios.prepare` puts both in
-order, and keeps the set. Next: `surefoot.scenarios.walking` and `surefoot.scenarios.perturbation`.
+contact-consistently (paper, III-B) for the other splits. `surefoot.scenarios.prepare` runs both
+steps, and keeps the set. Next: `surefoot.scenarios.walking` and `surefoot.scenarios.perturbation`.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ from surefoot.scenarios.walking import Walks, expert_walks
 from surefoot.types import GRID, Array, IntArray, to_ticks
 
 SEED = 20240711
-"""Root of the perturbations' randomness: any number, but the stored sets depend on it."""
+"""Root seed of the perturbations: any number, but the stored sets depend on it."""
 SETTLE = 2.0
-"""How long the expert walks at least before a gait cycle is recorded [s]."""
+"""Minimum time that the expert walks before a gait cycle is recorded [s]."""
 SURVIVED = 3.0
-"""How long it has to walk at a command at least [s]."""
+"""Minimum time that it has to walk at a command in all [s]."""
 SETTLE_PERIODS = 2
-"""How many gait periods it walks at least before that."""
+"""Minimum number of gait periods that it walks before a gait cycle is recorded."""
 
 
 @dataclass(frozen=True)
 class SplitSize:
-    """How large a split is.
+    """The size of a split.
 
     Attributes:
         velocities: The number of commands, spread over the box.
@@ -90,8 +90,8 @@ def make_starts(
         config: The robot, the gait and the fall bounds.
         cycles: A settled gait cycle for each number of commands that a split has.
         perturbation: Standard deviations of the perturbations, before their projection, for a robot
-            of Solo12's size; another robot's are those of `sized`.
-        seed: Root of the perturbations' randomness.
+            of Solo12's size; `sized` adapts them to another robot.
+        seed: Root seed of the perturbations.
         sizes: The size of each split.
 
     Returns:
@@ -134,10 +134,11 @@ def scaled(perturbation: PerturbationConfig, scale: float) -> PerturbationConfig
 
 
 def sized(perturbation: PerturbationConfig, robot: RobotModel) -> PerturbationConfig:
-    """The perturbation of a Solo12, for a robot of another size: as wide for its legs.
+    """A perturbation made for Solo12, scaled to a robot with legs of another length.
 
-    Lengths go with the length of the legs, speeds with its square root; angles and their rates stay
-    as they are, and so does how deep a foot may be in the ground. For Solo12 all of it does.
+    Lengths scale with the length of the legs, linear velocities with its square root. Angles and
+    their rates stay the same, and so does how deep a foot may be in the ground. For Solo12, all
+    values stay the same.
 
     Args:
         perturbation: The perturbation of a robot of Solo12's size.
@@ -164,10 +165,10 @@ def settle(config: Config, command: Array) -> Walks:
         command: ``(n, 3)`` vx, vy [m/s] and yaw rate [rad/s].
 
     Returns:
-        What all robots did, tick by tick, those that fell too.
+        What all robots did, tick by tick, including those that fell.
     """
     instants = cycle_instants(config.gait)
-    # The instants of a period that is rounded down to the grid end before it does.
+    # If the period is rounded down to the grid, the instants end before the period does.
     cycle_end = max(int(instants[-1]) + GRID, int(instants[0]) + to_ticks(config.gait.period))
     end = max(cycle_end, to_ticks(SURVIVED))
     with tqdm(total=end, desc=f"walking at {len(command)} commands", unit="ms", leave=False) as bar:
@@ -184,7 +185,7 @@ def cycle_of(walks: Walks, gait: Gait, robots: IntArray) -> GaitCycle:
     """
     instants = cycle_instants(gait)
     cycle = walks.at(instants)
-    # Of clocks at which gait and grid lie as they do, the smallest.
+    # The smallest equivalent clock: gait and grid repeat after each `grid_cycle`.
     clock = instants % grid_cycle(gait)
     return GaitCycle(cycle.q[:, robots], cycle.v[:, robots], clock, cycle.command[robots])
 
@@ -192,8 +193,8 @@ def cycle_of(walks: Walks, gait: Gait, robots: IntArray) -> GaitCycle:
 def cycle_instants(gait: Gait) -> IntArray:
     """``(phases,)`` the replanning instants of a settled gait cycle [ms].
 
-    A period that is no multiple of the grid has as many phases as come nearest to it. The first
-    instant is at a whole number of periods, or at the next node of the grid after it.
+    The number of phases is that of the grid nodes in a period, rounded. The first instant is at a
+    whole number of periods, or at the next node of the grid after it.
 
     Args:
         gait: The gait.

@@ -1,9 +1,9 @@
 """Contact-consistent perturbation of a robot's state (paper, III-B; Khadiv et al., 2023).
 
 A random change of configuration is projected onto the null space of the stance feet's Jacobian and
-corrected until those feet are back where they were; a random change of velocity is projected at
-the new configuration, so that no stance foot moves. States that touch the ground with anything but
-the feet, have fallen already, or bend a joint beyond its limits are drawn again. Next:
+corrected until those feet are back in place; a random change of velocity is projected at the new
+configuration, so that no stance foot moves. States that touch the ground with anything but the
+feet, have fallen already, or bend a joint beyond its limits are drawn again. Next:
 `surefoot.scenarios.make`, which perturbs whole sets.
 """
 
@@ -21,7 +21,7 @@ from surefoot.scenarios.walking import GaitError
 from surefoot.types import Array, BoolArray
 
 ATTEMPTS = 1000
-"""The number of draws before a state is given up."""
+"""The number of draws after which a state is given up."""
 
 
 def perturb(
@@ -33,7 +33,7 @@ def perturb(
     safety: SafetyConfig,
     rng: np.random.Generator,
 ) -> tuple[Array, Array]:
-    """A random neighbor of a state, with the stance feet where they were and at rest.
+    """A random neighbor of a state, with the stance feet in place and at rest.
 
     Args:
         robot: The model of the robot.
@@ -41,8 +41,8 @@ def perturb(
         v: ``(18,)`` velocity [m/s, rad/s].
         stance: ``(4,)`` True for the feet that are on the ground.
         config: Standard deviations before the projection.
-        safety: The fall bounds; a state beyond them is drawn again, and so is one with a joint
-            beyond the robot's limits, if the state itself is within them.
+        safety: The fall bounds; a neighbor beyond them is drawn again. One with a joint beyond the
+            robot's limits is drawn again, too, if the state itself is within the limits.
         rng: The source of randomness.
 
     Returns:
@@ -136,8 +136,8 @@ def acceptable(
         q: ``(19,)`` configuration [m, unit quaternion, rad].
         config: How deep a foot may be in the ground.
         safety: The fall bounds.
-        stance: ``(4,)`` True for feet whose depth is not judged: those that are where the
-            simulation had put them, which is deeper at a touchdown.
+        stance: ``(4,)`` True for feet whose depth is not checked: those that are still where the
+            simulation put them, which is deeper at a touchdown.
     """
     feet, rest = lowest_points(robot, data, q)
     if stance is not None:

@@ -1,7 +1,7 @@
-"""What was measured when a robot, a gait and a box of commands were prepared, as a record.
+"""The record of what was measured when a robot, a gait and a box of commands were prepared.
 
-It lies in the file of the initial states that were made then, so that one file is all that a run
-needs. `prepare` makes it; `starts` reads and writes it.
+It is stored in the file of the initial states made then, so that a run needs only one file.
+`prepare` makes it; `starts` reads and writes it.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ ASTRAY: Triple = (0.1, 0.1, 0.2)
 
 @dataclass(frozen=True)
 class CommandGain:
-    """By how much the commands of a gait are scaled inside the planner, and what was measured.
+    """The factors on the commands of a gait inside the planner, and how they were measured.
 
     Attributes:
         gain: The gains of vx, vy and yaw rate, as `ExpertConfig.command_gain`.
-        told: vx [m/s], vy [m/s] and yaw rate [rad/s] that the robots were told, each way.
-        forward: The mean of each that was reached at the positive command, with gains of 1; where
-            one came out large, with that gain, unless the robot then fell.
+        told: vx [m/s], vy [m/s] and yaw rate [rad/s] that were commanded, each way.
+        forward: The mean of each that was reached at the positive command, with gains of 1; if a
+            gain came out large, with that gain, unless the robot then fell.
         backward: The mean of each that was reached at the negative command.
     """
 
@@ -40,10 +40,10 @@ class CommandGain:
 
 @dataclass(frozen=True)
 class Followed:
-    """What the expert made of one command, settled.
+    """How the expert followed one command in the settled gait.
 
     Attributes:
-        command: vx, vy [m/s] and yaw rate [rad/s] that the robot was told.
+        command: The commanded vx, vy [m/s] and yaw rate [rad/s].
         velocity: The mean of each over whole gait periods.
         fell: Whether the robot fell; then the command has no initial states.
     """
@@ -55,16 +55,16 @@ class Followed:
 
 @dataclass(frozen=True)
 class Preparation:
-    """What a robot, a gait and a box of commands need besides their initial states.
+    """What a robot, a gait and a box of commands need in addition to their initial states.
 
     Attributes:
-        key: SHA-256 of all that this depends on.
+        key: SHA-256 of everything that the preparation depends on.
         description: SHA-256 of the robot's spec and of its URDF.
         commands: The box.
-        gain: The command gains; what was reached is zero where they were given.
-        safety: The bounds: the robot's own table, joined with what the settled gait needs.
-        followed: What the expert made of each of the commands.
-        seconds: How long it took to make [s].
+        gain: The command gains; if they were given, all velocities in them are zero.
+        safety: The bounds: the robot's own table, widened to what the settled gait needs.
+        followed: How the expert followed each command.
+        seconds: How long the preparation took [s].
     """
 
     key: str
@@ -82,7 +82,7 @@ class Preparation:
 
     @property
     def astray(self) -> tuple[Followed, ...]:
-        """The commands at which the robot stays up, but does not walk as it is told.
+        """The commands at which the robot stays up but does not follow its command.
 
         There the mean velocity is off by more than half of the command, and by more than `ASTRAY`.
         """
@@ -108,7 +108,7 @@ class Preparation:
 
 
 def rounded(values: Array) -> Triple:
-    """Three numbers of an array, rounded to four digits, as a configuration holds them."""
+    """Three numbers of an array, rounded to four decimals, as in a configuration."""
     x, y, z = (round(float(value), 4) + 0.0 for value in values)  # no negative zero
     return x, y, z
 
@@ -119,9 +119,9 @@ def text_of(preparation: Preparation) -> str:
 
 
 def read_preparation(text: str) -> Preparation:
-    """The record that a text holds.
+    """The record in a text.
 
     Raises:
-        ValueError: It holds none.
+        ValueError: The text is not a record.
     """
     return from_json(Preparation, parse_json(text.encode()), "prepared")

@@ -1,10 +1,10 @@
-"""Prepare a robot, a gait and a box of commands: everything a run with them needs, made once.
+"""Prepare a robot, a gait and a box of commands: make everything that a run with them needs, once.
 
-In this order: the command gains (`gains`), the settled gait at commands all over the box, the
-safety bounds that it stays within, and initial states in four splits (`make`). All of it is one
-file, kept below the user's caches under a SHA-256 of what it depends on (`keys`), and written whole
-or not at all; it takes seconds, and an interrupted one begins again, with the gains that it has
-measured. A run keeps a copy. `completed` is what commands, runs and studies call.
+The order is: the command gains (`gains`), the settled gait at commands all over the box, the safety
+bounds that it stays within, and initial states in four splits (`make`). All of it is one file, kept
+below the user's caches under a SHA-256 of what it depends on (`keys`), and written whole or not at
+all. It takes seconds; an interrupted preparation begins again, but keeps the gains that it has
+measured. A run keeps a copy. Commands, runs and studies call `completed`.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ class Prepared:
 
     Attributes:
         starts: The initial states.
-        made: The command gains, the bounds, and what else was measured.
-        path: The file that holds all of it.
-        kept: Whether it was there already.
+        made: The command gains, the bounds, and everything else that was measured.
+        path: The file with all of this.
+        kept: Whether the file existed already.
     """
 
     starts: StartSet
@@ -81,9 +81,9 @@ def prepare(
 
     Args:
         config: The robot, the gait, the commands, the expert and the simulator. Gains that are not
-            None stay.
+            None are kept.
         perturbation: Standard deviations of the perturbed initial states, for a robot of Solo12's
-            size; None is the paper's.
+            size; None takes the paper's.
         seed: Root of the perturbations' randomness.
         sizes: The size of each split.
 
@@ -129,7 +129,7 @@ def prepare(
     starts = make_starts(key[:8], config, cycles, perturbation, seed, sizes)
     made = replace(made, seconds=round(time.perf_counter() - began, 1))
     _warn_of_walks(robot, config, made, settled.of(up))
-    # Another process may have made the same meanwhile, and its user may read that file now.
+    # Another process may have made the same file meanwhile, and may be reading it now.
     found = _find(path, key)
     if found is not None:
         return found
@@ -138,7 +138,7 @@ def prepare(
 
 
 def _warn_of_walks(robot: RobotModel, config: Config, made: Preparation, settled: Walks) -> None:
-    """Warn of what the robots do while they stay up: walk otherwise than told, or bend too far."""
+    """Warn if robots that stay up do not follow their commands, or bend their joints too far."""
     name = f"{robot.name}, {gait_name(config.gait)}"
     astray = made.astray
     if astray:
@@ -173,7 +173,7 @@ def prepared_key(
 
 
 def _find(path: Path, key: str) -> Prepared | None:
-    """What was prepared before under a key; None if nothing, or what cannot be read."""
+    """What was prepared before under a key; None if there is nothing, or it cannot be read."""
     if not path.exists():
         return None
     try:
@@ -191,7 +191,7 @@ def _gain_of(robot: RobotModel, config: Config, commands: Array) -> CommandGain:
     """The command gains: those that are given, or those that are measured.
 
     Raises:
-        GaitError: None can be measured; where that is because robots fall, the largest box is said.
+        GaitError: None can be measured; if that is because robots fall, it gives the largest box.
     """
     given = config.expert.command_gain
     if given is not None:
@@ -234,12 +234,12 @@ def _own_bounds(robot: RobotModel, config: Config) -> SafetyConfig:
 
 
 def _followed(settled: Walks, up: BoolArray, gait: Gait) -> tuple[Followed, ...]:
-    """What the expert made of each command, over whole gait periods.
+    """How the expert followed each command, over whole gait periods.
 
     Args:
-        settled: What the robots did, settled.
+        settled: The settled part of the walks.
         up: ``(n,)`` True for robots that have not fallen.
-        gait: The gait; in one that stands, every command is to stand.
+        gait: The gait; if it stands, every command counts as zero.
     """
     told = np.zeros_like(settled.command) if stands(gait) else settled.command
     # Whole periods, so that a gait's sway cancels.
@@ -254,10 +254,10 @@ def _followed(settled: Walks, up: BoolArray, gait: Gait) -> tuple[Followed, ...]
 
 
 def _cycle(settled: Walks, up: BoolArray, config: Config, commands: Array) -> GaitCycle:
-    """The settled cycle at some of the commands; the nearest one takes the place of one that fell.
+    """The settled cycle at some commands; where a robot fell, that of the nearest other command.
 
     Args:
-        settled: What the robots did, settled.
+        settled: The settled part of the walks.
         up: ``(n,)`` True for robots that have not fallen.
         config: The gait and the box.
         commands: ``(m, 3)`` the commands.
@@ -270,11 +270,12 @@ def _cycle(settled: Walks, up: BoolArray, config: Config, commands: Array) -> Ga
 
 
 def completed(config: Config) -> Config:
-    """The configuration with everything that its robot, gaits and commands need, for None.
+    """The configuration with all values that its robot, gaits and commands need in place of None.
 
-    What follows from the robot is filled in (`with_own_values`); what has to be measured, the
-    command gains and the initial states, is prepared where it is not packaged, given or kept. Where
-    the robots walk on a terrain, so is the ground that they plan on. Values that are given stay.
+    Values that follow from the robot are filled in (`with_own_values`). Those that have to be
+    measured, the command gains and the initial states, are prepared unless they are packaged, given
+    or kept from before. Where there is a terrain, the ground to plan on is filled in, too. Values
+    that are given stay.
 
     Args:
         config: The configuration.
@@ -287,7 +288,7 @@ def completed(config: Config) -> Config:
 
 
 def _completed(config: Config) -> Config:
-    """The same of a configuration of one gait."""
+    """The same as `completed`, for a configuration of one gait."""
     own = with_own_values(config)
     if own.start_set is None:
         prepared = prepare(config)
@@ -301,11 +302,11 @@ def _completed(config: Config) -> Config:
 
 
 def with_preparation(config: Config, made: Preparation) -> Config:
-    """The configuration, with gains and bounds that were measured, and their rules, for None.
+    """The configuration, with measured gains and bounds and their rules in place of None.
 
     Args:
-        config: The configuration; values that are given stay, and other gains and commands are
-            warned of.
+        config: The configuration; values that are given stay, with a warning if gains or commands
+            differ from the measured ones.
         made: What was measured.
     """
     if config.commands != made.commands:
@@ -313,7 +314,7 @@ def with_preparation(config: Config, made: Preparation) -> Config:
             f"the initial states were made for {describe(made.commands)}, but the commands are "
             f"{describe(config.commands)}: give the same, or prepare these"
         )
-    # The gains belong to the rules that they were measured with.
+    # The gains are only valid with the rules that they were measured with.
     config = with_rules(config, made.commands)
     given = config.expert.command_gain
     if given is not None and not np.allclose(given, made.command_gain, atol=1e-6):
@@ -325,7 +326,7 @@ def with_preparation(config: Config, made: Preparation) -> Config:
 
 
 def _filled(config: Config, gain: Triple | None, measured: SafetyConfig) -> Config:
-    """The configuration with what was measured, and then the robot's own values, for None."""
+    """The configuration with measured values, and then the robot's own ones, in place of None."""
     expert = config.expert
     if expert.command_gain is None:
         expert = replace(expert, command_gain=gain)

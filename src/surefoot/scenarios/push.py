@@ -9,7 +9,7 @@ from surefoot.types import BoolArray
 
 
 def push(simulator: Simulator, pushes: Pushes, elapsed: int, active: BoolArray) -> None:
-    """Push the robots that a push acts on in this tick, each in its own heading frame.
+    """Push the robots on which a push acts in this tick, each in its own heading frame.
 
     Args:
         simulator: The simulator of the B robots; the impulses act in its next step.

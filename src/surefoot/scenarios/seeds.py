@@ -1,7 +1,7 @@
-"""Randomness: every draw has a seed of its own, fixed by the root seed and by its purpose.
+"""Randomness: every draw has its own seed, fixed by the root seed and the purpose.
 
-Seeds are spawned by purpose and by the number of the iteration or episode, never by worker, so that
-results do not depend on how the work is spread. Read `surefoot.workers` next for how it is.
+Seeds are spawned by purpose and by the number of the iteration or episode, never by worker, so
+results do not depend on how the work is spread. `surefoot.workers` spreads it; read that next.
 """
 
 from __future__ import annotations

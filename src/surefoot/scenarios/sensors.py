@@ -1,6 +1,6 @@
 """Noisy sensors: from the true state of each tick to what the robots measure.
 
-The noise of each robot is drawn from a root of its own, so that a measurement does not depend on
+The noise of each robot is drawn from its own root seed, so that a measurement does not depend on
 the other robots of the batch. Read `disturbance` first, which has the noise.
 """
 
@@ -20,10 +20,10 @@ BLOCK = 500
 
 
 def make_sensors(robot: RobotModel, disturbance: Disturbance) -> Callable[[State], State] | None:
-    """What turns the true state of each tick into what the robots measure; None without noise.
+    """A function from the true state of each tick to what the robots measure; None without noise.
 
-    The robot computes its feet and center of mass from what it measures, with its own model.
-    Contacts, x and y are measured without error: no policy knows x and y anyway.
+    Feet and center of mass are computed from the measurements, with the robot's model. Contacts, x
+    and y are measured without error: no policy sees x and y anyway.
 
     Args:
         robot: The model of the robots.
@@ -41,7 +41,7 @@ class _Sensors:
     Args:
         robot: The model of the robots.
         sigma: ``(36,)`` standard deviations of a displacement and of a velocity.
-        disturbance: The roots of the noise of the B robots, and how much of it lies behind them.
+        disturbance: The root seeds of the noise of the B robots, and how much of it is used up.
     """
 
     def __init__(self, robot: RobotModel, sigma: Array, disturbance: Disturbance) -> None:
@@ -50,7 +50,7 @@ class _Sensors:
         self._sigma = sigma
         self._sources = [np.random.default_rng(seed) for seed in disturbance.seeds]
         if disturbance.measured is not None:
-            # Normal numbers use up a varying part of their source: the way to tick n is to draw.
+            # Normal draws use up varying amounts of the source, so tick n is reached by drawing.
             for source, ticks in zip(self._sources, disturbance.measured.tolist(), strict=True):
                 source.standard_normal((ticks, 36))
         self._block = np.empty((BLOCK, len(self._sources), 36))
@@ -59,8 +59,7 @@ class _Sensors:
     def __call__(self, state: State) -> State:
         """What the robots measure of their state in this tick."""
         error = self._error()
-        # Displacements are in the base frame, but the height is that of the world, however the
-        # robot tilts.
+        # Displacements are in the base frame, but the height error is vertical, whatever the tilt.
         height = error[:, 2].copy()
         error[:, 2] = 0.0
         q = np.array([integrate(*pair) for pair in zip(state.q, error[:, :18], strict=True)])

@@ -1,7 +1,7 @@
-"""The safety bounds of a settled gait: the robot's own table, as wide as the gait needs it.
+"""The safety bounds of a settled gait: the robot's own table, widened to what the gait needs.
 
-A gate on these never calls the expert while the robot walks as it should. Read `robots.scaling` for
-the robot's own table, and `prepare` for the walks.
+A gate with these bounds never calls the expert while the robot walks as it should. Read
+`robots.scaling` for the robot's own table, and `prepare` for the walks.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from surefoot.scenarios.walking import Walks
 from surefoot.types import Array
 
 MARGIN = 10.0
-"""[deg] The bounds on angles lie so far beyond what the settled gait needs."""
+"""[deg] How far the bounds on angles are beyond what the settled gait needs."""
 LOWER = 0.02
-"""[m] The bound on the height lies so far below, times the ratio of leg lengths."""
+"""[m] How far the bounds on the height are beyond it, times the ratio of leg lengths."""
 SHARE = 0.5
 """Share of these margins that remains where a gate tightens the bounds."""
 ROUND = 1e4
@@ -31,12 +31,12 @@ ROUND = 1e4
 
 
 def settled_bounds(robot: RobotModel, safety: SafetyConfig, walks: Walks) -> SafetyConfig:
-    """Bounds widened until a settled gait stays within them, with a margin, and its `settled`.
+    """The bounds, widened to contain a settled gait with a margin, with the field `settled` set.
 
     Args:
         robot: The robot.
         safety: The robot's own bounds.
-        walks: What the robots did, settled.
+        walks: The settled part of the walks.
     """
     q = np.ascontiguousarray(walks.q.reshape(-1, 19))
     state = state_of(robot, q, np.ascontiguousarray(walks.v.reshape(-1, 18)))
@@ -61,7 +61,7 @@ def _widened(bounds: tuple[float, float], values: Array, margin: float) -> tuple
     low, high = bounds
     lowest = float(values.min()) - margin
     highest = float(values.max()) + margin
-    # Rounded outward, and only where it is another number than before.
+    # Rounded outward, and only if the bound changes.
     if lowest < low:
         low = math.floor(lowest * ROUND) / ROUND
     if highest > high:

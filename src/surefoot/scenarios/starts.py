@@ -1,8 +1,8 @@
-"""Stored initial states: every method, expert and version is tried from the same states.
+"""Stored initial states: every method, expert and version is tested from the same states.
 
-A set is made once (`surefoot.scenarios.make`) and never changed; its hash stands beside every
-result that is taken on it. There are four splits: ``nominal`` states of a settled gait cycle, and
-perturbed ones to ``train`` on, to ``select`` a policy on, and to ``test`` it on once.
+A set is made once (`surefoot.scenarios.make`) and never changed; its hash is stored with every
+result that is measured on it. There are four splits: ``nominal`` states of a settled gait cycle,
+and perturbed ones to ``train`` on, to ``select`` a policy on, and to ``test`` it on once.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ ANOTHER = (
     "leave --config.start-set out, or make a set with the same options and `surefoot prepare --out "
     "FILE`"
 )
-"""What to do about a set that does not fit."""
+"""The advice for a set that does not fit."""
 UNKNOWN: Any = None
-"""Stands for an array that follows from the others; `Starts` puts it in."""
+"""Stands for an array that follows from the others; `Starts` fills it in."""
 HASHED = ("q", "v", "tick", "command", "id")
-"""The arrays of a set, which its hash is of. All of its states are of one gait."""
+"""The arrays of a set that its hash covers. All of its states are in one gait."""
 SPLITS: tuple[Split, ...] = get_args(Split)
 PACKAGED = (STRAIGHT_TROT, "solo12-trot-v1-wide")
 """Sets in the package: Solo12 trots at 0 to 0.3 m/s, perturbed as in the paper or 1.5 times so."""
@@ -57,8 +57,8 @@ class Starts:
         v: ``(n, 18)`` velocity [m/s, rad/s], base part in the base frame.
         tick: ``(n,)`` gait clock [ms].
         command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] in the heading frame.
-        id: ``(n,)`` row in the stored set; -1 if the state belongs to none.
-        gait: ``(n,)`` the number of the gait that the robots are to walk, the first one by default.
+        id: ``(n,)`` row in the stored set; -1 if the state belongs to no set.
+        gait: ``(n,)`` the number of the gait that each robot is to walk, the first one by default.
     """
 
     q: Array
@@ -122,9 +122,9 @@ class StartSet:
         grid: The initial states of each split: (perturbations, phases, velocities), flattened in
             this order.
         shape: The numbers of perturbations, phases and velocities of each split.
-        gait: The gait whose clock they have; of its heights a set knows nothing.
-        robot: The name of the robot they belong to.
-        preparation: What was measured when they were made; None of older sets.
+        gait: The gait of the initial states, as far as its timing; its heights are not stored.
+        robot: The name of the robot that they belong to.
+        preparation: What was measured when they were made; None for older sets.
     """
 
     name: str
@@ -137,7 +137,7 @@ class StartSet:
     def __getitem__(self, split: str) -> Starts:
         """All initial states of a split.
 
-        The first phases x velocities of them are one perturbation each.
+        They come perturbation by perturbation, each with phases x velocities states.
 
         Raises:
             KeyError: There is no such split.
@@ -147,10 +147,11 @@ class StartSet:
         return self.grid[split]
 
     def first(self, split: str, n: int) -> Starts:
-        """The first n initial states of a split: of any n, evenly spread over phases and speeds.
+        """The first n initial states of a split, evenly spread over phases and speeds for any n.
 
-        They are whole perturbations, and of the next one the first cells of `spread_cells`; they
-        come in the order in which they are stored. So n states are among any larger number of them.
+        They are whole perturbations, and the first cells of the next one in the order of
+        `spread_cells`. They are returned in the order in which they are stored. So the first n
+        states are among those of any larger number.
 
         Raises:
             KeyError: There is no such split.
@@ -184,10 +185,10 @@ class StartSet:
         return self[split].command[self.rows(split)[0, 0]]
 
     def velocities(self, split: str, n: int) -> IntArray:
-        """``(n,)`` indices of commands of a split that are spread over all of them.
+        """``(n,)`` indices of commands of a split that are spread over all of its commands.
 
-        Of commands along one axis they are equally spaced, both ends included; of those of a box
-        they are the first ones (`CommandBox.spread`).
+        Commands along one axis are picked at equal distances, both ends included; in a box, they
+        are the first ones (`CommandBox.spread`).
 
         Raises:
             KeyError: There is no such split.
@@ -205,7 +206,7 @@ class StartSet:
 
     @cached_property
     def hash(self) -> str:
-        """SHA-256 over the arrays of all splits; it stands beside every result."""
+        """SHA-256 over the arrays of all splits; it is stored with every result."""
         sha = hashlib.sha256()
         for split in SPLITS:
             starts = self.grid[split]
@@ -214,7 +215,7 @@ class StartSet:
         return sha.hexdigest()
 
     def phases(self, id: IntArray) -> IntArray:
-        """``(n,)`` indices of the phases at which stored initial states begin; -1 of no set.
+        """``(n,)`` indices of the phases at which initial states begin; -1 for those of no set.
 
         Args:
             id: ``(n,)`` ids of initial states, as in `Starts`.
@@ -229,10 +230,10 @@ class StartSet:
 
     @property
     def seed(self) -> int:
-        """Root of what disturbs the evaluations on this set.
+        """Root seed of the disturbances in evaluations on this set.
 
-        It is fixed by the set's content: every policy, whatever its training's seed, meets the same
-        friction, load, pushes and noise in an episode that begins in the same initial state.
+        It is fixed by the set's content: every policy, whatever the seed of its training, meets the
+        same friction, load, pushes and noise in an episode from the same initial state.
         """
         return int(self.hash[:8], 16)
 
@@ -242,11 +243,11 @@ def starts_of(config: Config) -> StartSet:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: No set is named and none is packaged; the file is no set of initial states, or
-            is one of another robot or gait; or there are several gaits (`gaits.all_starts_of`).
+        ValueError: No set is named and none is packaged; the file is not a set of initial states,
+            or belongs to another robot or gait; or there are several gaits (`gaits.all_starts_of`).
     """
     only_gait(config, "a set of initial states")
-    # Here, so that the command line does not wait for Pinocchio.
+    # Imported here, so that the command line does not wait for Pinocchio.
     from surefoot.robots.identity import description_hash
     from surefoot.robots.load import find_spec
 
@@ -283,7 +284,7 @@ def starts_of(config: Config) -> StartSet:
 def load_starts(which: str | Path = PACKAGED[0]) -> StartSet:
     """Read a set: one that comes with the package, by its name, or a file.
 
-    The packaged sets are read once, and shared: the arrays of a set cannot be written to.
+    Packaged sets are read once and shared, so the arrays of a set are read-only.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -306,10 +307,10 @@ def _load_packaged(name: str) -> StartSet:
 
 
 def _parse(content: bytes, name: str, source: str) -> StartSet:
-    """The set that a file's bytes hold.
+    """The set in a file's bytes.
 
     Raises:
-        ValueError: They hold none.
+        ValueError: They are not a set.
     """
     try:
         arrays = parse_npz(content)
@@ -333,7 +334,7 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
         split: everything[slice(start, stop)]
         for split, start, stop in zip(SPLITS, bounds[:-1], bounds[1:], strict=True)
     }
-    if made is not None:  # whatever its file is called, a run's own copy too
+    if made is not None:  # whatever the name of its file, which may be a run's copy
         name = f"{robot}-{gait_name(gait)}-{made.key[:8]}"
     return StartSet(name, grid, dict(zip(SPLITS, shapes, strict=True)), gait, robot, made)
 
@@ -354,12 +355,12 @@ def save_starts(starts: StartSet, path: Path, overwrite: bool = False) -> None:
     Args:
         starts: The set.
         path: The file.
-        overwrite: Whether the set takes the place of a file that is there already.
+        overwrite: Whether the set may replace an existing file.
 
     Raises:
-        FileExistsError: A set of this name exists already, and is not to be replaced; new states
+        FileExistsError: A set of this name exists already, and must not be replaced; new states
             get a new name.
-        ValueError: The states are not such as `load_starts` reads.
+        ValueError: `load_starts` would refuse the states.
         WriteError: The disk is full, or read-only.
     """
     if not overwrite:
@@ -372,7 +373,7 @@ def save_starts(starts: StartSet, path: Path, overwrite: bool = False) -> None:
         "command": everything.command,
         "shapes": np.array([starts.shape[split] for split in SPLITS]),
     }
-    # A file is as ever where it can be: without them, gait and robot are the packaged sets' own.
+    # As in earlier files: a gait and a robot that are not stored are those of the packaged sets.
     if starts.gait.timing != Gait().timing:
         arrays["gait"] = np.array(starts.gait.timing)
     if starts.robot != SOLO12.name:
@@ -390,10 +391,10 @@ def save_starts(starts: StartSet, path: Path, overwrite: bool = False) -> None:
 
 
 def _gait_from(numbers: Array) -> Gait:
-    """The gait of a file's numbers ``(6,)``.
+    """The gait in a file's numbers ``(6,)``.
 
     Raises:
-        ValueError: They are no gait's.
+        ValueError: They are not those of a gait.
     """
     period, duty, front_left, front_right, hind_left, hind_right = numbers.tolist()
     return Gait(period, duty, (front_left, front_right, hind_left, hind_right))

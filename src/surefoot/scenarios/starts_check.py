@@ -1,4 +1,4 @@
-"""Checks of initial states: those of a stored set, and those that robots are about to begin in.
+"""Checks of initial states, when a set is read or written and before robots begin in them.
 
 `starts` reads and writes the sets, and `rollouts.episodes` begins in them; both check first.
 """
@@ -19,32 +19,33 @@ if TYPE_CHECKING:
     from surefoot.scenarios.starts import Starts
 
 UNIT_TOLERANCE = 1e-6
-"""A quaternion of a stored state may be longer or shorter than 1 by this; those of the packaged
-sets are so by 1e-15."""
+"""How much longer or shorter than 1 a quaternion of a stored state may be; in the packaged sets it
+is 1e-15."""
 LARGEST = 1e6
-"""No number of a state is larger, in whatever unit."""
+"""Maximum magnitude of any number of a state, in its unit."""
 GAIT_NUMBERS = 6
 """The numbers of a gait in a stored set: period, duty factor and four offsets."""
 LONGEST_NAME = 40
-"""The characters of the longest name that a robot may have (`RobotSpec.name`)."""
+"""Maximum number of characters of a robot's name (`RobotSpec.name`)."""
 LONGEST_TEXT = 100_000
-"""The characters of the longest record of a preparation; one of thirty commands takes 6000."""
+"""Maximum number of characters of the record of a preparation; one of thirty commands takes 6000.
+"""
 LATEST = int(np.iinfo(np.int16).max)
-"""[ms] The last tick that a stored set can hold."""
+"""[ms] The last tick that a stored set can represent."""
 
 
 def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tuple[int, int, int]]:
     """Check the arrays of a stored set.
 
     Args:
-        arrays: The arrays by name, as the file holds them.
+        arrays: The arrays by name, as in the file.
         splits: Number of splits of the set.
 
     Returns:
         The numbers of perturbations, phases and velocities of each split.
 
     Raises:
-        ValueError: One is missing, has another shape or type, or numbers that no state has.
+        ValueError: An array is missing, has another shape or type, or has numbers out of range.
     """
     names = ("q", "v", "tick", "command", "shapes")
     if arrays.keys() - {"gait", "robot", "prepared"} != set(names):
@@ -122,11 +123,10 @@ def check_starts(starts: Starts) -> None:
 
 
 def checked_ids(ids: ArrayLike, n: int) -> IntArray:
-    """The ids ``(n,)`` of episodes, as integers of 64 bits.
+    """The ids ``(n,)`` of episodes, as 64-bit integers.
 
     Raises:
-        ValueError: There is another number of them, or they are not whole numbers from 0 on, from
-            which random numbers are drawn.
+        ValueError: There are not n, or they are not whole numbers from 0 on, as seeds have to be.
     """
     array = np.asarray(ids)
     if array.shape != (n,):
@@ -139,7 +139,7 @@ def checked_ids(ids: ArrayLike, n: int) -> IntArray:
 
 
 def with_whole_numbers(starts: Starts) -> Starts:
-    """The same initial states with ticks, ids and gaits of 64 bits, for sums that never wrap."""
+    """The same initial states with 64-bit ticks, ids and gaits, so that sums never overflow."""
     whole = {
         name: np.asarray(getattr(starts, name)).astype(np.int64, copy=False)
         for name in ("tick", "id", "gait")
@@ -151,8 +151,8 @@ def with_whole_numbers(starts: Starts) -> Starts:
 def check_unit_quaternions(q: Array) -> None:
     """Check that the quaternions of configurations have length 1.
 
-    MuJoCo divides a quaternion by its length where PyBullet does not: a longer one would begin in
-    two different states.
+    MuJoCo normalizes a quaternion and PyBullet does not: with another length, the two would begin
+    in different states.
 
     Args:
         q: ``(n, 19)`` configurations.

@@ -1,9 +1,9 @@
-"""Noise on the torques that act on a robot, drawn now and then and held in between.
+"""Noise on the torques that act on a robot, drawn at intervals and held in between.
 
-DART injects it while the expert drives: what acts is the commanded torque plus the noise, clipped;
-what is recorded, and learned from, is the commanded torque. White noise of 1 kHz would average out
-over the inertia of a leg, so each draw is held. A draw is fixed by the robot's seed and the number
-of the hold, so that an episode that branches off goes on with the same noise.
+DART injects it while the expert drives: the commanded torque plus the noise acts, clipped, but the
+commanded torque is recorded and learned from. White noise at 1 kHz would be averaged out by the
+inertia of a leg, so each draw is held. A draw is fixed by the robot's seed and the number of the
+hold, so an episode that branches off continues with the same noise.
 """
 
 from __future__ import annotations
@@ -25,11 +25,12 @@ class TorqueNoise:
     Attributes:
         root: ``(12, 12)`` symmetric root of the covariance of the joint torques [N m].
         hold: How long a draw is held [ms].
-        seeds: The roots of the draws of the B robots.
-        before: ``(B,)`` how many ticks of each robot's noise lie before the episode [ms].
+        seeds: The root seeds of the B robots.
+        before: ``(B,)`` how many ticks of each robot's noise are before the episode [ms].
 
     Raises:
-        ValueError: The shapes do not agree, a number is not finite, or nothing is held.
+        ValueError: The shapes do not agree, a number is not finite, or the hold is less than a
+            tick.
     """
 
     root: Array
@@ -60,10 +61,10 @@ class TorqueNoise:
         )
 
     def after(self, ticks: IntArray) -> TorqueNoise:
-        """The noise of episodes that go on from these.
+        """The noise of episodes that branch off from these.
 
         Args:
-            ticks: ``(B,)`` how far into its episode each robot goes on [ms].
+            ticks: ``(B,)`` the tick of its episode at which each robot branches off [ms].
         """
         return replace(self, before=self.before + ticks)
 
@@ -86,7 +87,7 @@ def make_torque_noise(covariance: Array, hold: int, root: int, episode: IntArray
     Args:
         covariance: ``(12, 12)`` covariance of the joint torques [N^2 m^2].
         hold: How long a draw is held [ms].
-        root: Root of the randomness.
+        root: Root seed.
         episode: ``(B,)`` ids of the episodes.
     """
     values, vectors = np.linalg.eigh(covariance)

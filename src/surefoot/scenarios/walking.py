@@ -1,6 +1,6 @@
 """The expert walks at several commands at once, undisturbed and from standing still.
 
-Settled gait cycles (`make`) and command gains (`calibration`) are taken from what it records.
+Settled gait cycles (`make`) and command gains (`calibration`) come from these recordings.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from surefoot.sim import make_simulator
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
 
 MOST_SHOWN = 4
-"""How many falls a message names."""
+"""Maximum number of falls that a message names."""
 
 
 class GaitError(ValueError):
     """A robot does not walk in a gait as it was asked to; the message has the numbers.
 
     Attributes:
-        largest: The largest box of commands that it does walk, as far as that was looked for.
+        largest: The largest box of commands that it does walk; None if none was found or sought.
     """
 
     def __init__(self, message: str, largest: CommandBox | None = None) -> None:
@@ -36,7 +36,7 @@ class GaitError(ValueError):
 
 @dataclass(frozen=True)
 class Walks:
-    """n robots that walked side by side, each at a command of its own.
+    """n robots that walked in parallel, each at its own command.
 
     Attributes:
         tick: ``(T,)`` the gait clock of the states [ms].
@@ -128,7 +128,7 @@ def expert_walks(
         config: The gait, the expert and the simulator.
         command: ``(n, 3)`` vx, vy [m/s] and yaw rate [rad/s] of each robot.
         ticks: How long it walks [ms].
-        every: The states at multiples of this are recorded [ms].
+        every: The interval at which states are recorded [ms].
         progress: Called with 1 after each tick.
     """
     n = len(command)
