@@ -115,7 +115,7 @@ __all__ = [
 
 
 MOST_GAITS = 16
-"""A policy has at most so many gaits, because each has a table with a row for each tick."""
+"""Maximum number of gaits of a policy, because each has a table with a row for each tick."""
 
 
 @dataclass(frozen=True)

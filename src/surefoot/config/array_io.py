@@ -1,7 +1,7 @@
-"""Records of arrays from npz files: nothing is run, and no more memory is taken than they justify.
+"""Reads records of arrays from npz files; no code is run, and the file's size bounds the memory.
 
 `load_arrays` reads a dataclass of arrays that `files.save_arrays` wrote, to the bit: names, types
-and shapes are those of the dataclass. `parse_npz` reads arrays of any names. Read `json_io` for
+and shapes are those of the dataclass. `parse_npz` reads arrays with any names. Read `json_io` for
 records of other values.
 """
 
@@ -22,9 +22,9 @@ from surefoot.config.json_text import MEMORY_BASE, MEMORY_FACTOR, read_file
 from surefoot.errors import shown
 
 Shape = tuple[int | str, ...]
-"""Lengths of an array's axes; axes of one name have one length."""
+"""Lengths of an array's axes; axes with the same name have the same length."""
 _ARRAY_KINDS = "biufU"
-"""Kinds of arrays in files: truth values, integers of both sorts, floats, and text."""
+"""Kinds of arrays in files: truth values, signed and unsigned integers, floats, and text."""
 
 
 class ArrayRecord(Protocol):
@@ -49,7 +49,7 @@ def load_arrays(path: Path, kind: type[Record]) -> Record:
         kind: The dataclass. A field that has a default may be absent from the file.
 
     Raises:
-        ValueError: The file is missing, damaged, or holds other arrays than the dataclass has.
+        ValueError: The file is missing or damaged, or its arrays are not those of the dataclass.
     """
     try:
         arrays = parse_npz(read_file(path))
@@ -80,7 +80,7 @@ def _check_arrays(arrays: Mapping[str, NDArray], kind: type[ArrayRecord]) -> Non
             continue
         expected = _dtype_of(hints[name])
         actual = arrays[name].dtype
-        # Text has the length of the longest.
+        # The type of text contains the length of the longest string.
         if actual != expected and not actual.kind == expected.kind == "U":
             raise ValueError(f"{name} holds {actual}, expected {expected}")
         shape = kind.shapes.get(name, ("n",))
@@ -89,7 +89,7 @@ def _check_arrays(arrays: Mapping[str, NDArray], kind: type[ArrayRecord]) -> Non
 
 def _dtype_of(hint: object) -> np.dtype:
     """The dtype that a type hint such as ``NDArray[np.float64]`` names."""
-    # Since NumPy 2.5 that is an alias of one argument; before, ndarray[shape, dtype[np.float64]].
+    # Since NumPy 2.5 this is an alias with one argument; before, ndarray[shape, dtype[np.float64]].
     last = get_args(hint)[-1]
     return np.dtype(get_args(last)[0] if get_origin(last) is np.dtype else last)
 
@@ -117,10 +117,10 @@ def _check_shape(
 def parse_npz(content: bytes) -> dict[str, NDArray]:
     """The arrays of an npz file, by their names.
 
-    An array is read once its header agrees with the number of bytes that there are for it.
+    An array is only read if its header agrees with the number of bytes of its data.
 
     Raises:
-        ValueError: The content is no such file, or promises more than its size justifies.
+        ValueError: The content is not an npz file, or would unpack to more than its size justifies.
     """
     try:
         with ZipFile(BytesIO(content)) as archive:
@@ -130,24 +130,24 @@ def parse_npz(content: bytes) -> dict[str, NDArray]:
                 member.filename.removesuffix(".npy"): _read_array(archive, member)
                 for member in members
             }
-    except Exception as error:  # whatever zip, zlib and NumPy make of a damaged file
+    except Exception as error:  # whatever zip, zlib and NumPy raise about a damaged file
         raise ValueError(str(error) or repr(error)) from error
 
 
 def _check_members(members: list[ZipInfo], size: int) -> None:
-    """Check the directory of an npz file of so many bytes.
+    """Check the directory of an npz file of a given size.
 
     Raises:
-        ValueError: A name is there twice, or there is too much to unpack, or in another format.
+        ValueError: A name appears twice, there is too much to unpack, or the format is unknown.
     """
     names = {member.filename for member in members}
     if len(names) < len(members):
         raise ValueError("an array is there twice")
-    # The bytes of all arrays are in memory beside the content, and those of one a second time.
+    # Besides the content, memory has the bytes of all arrays, and those of one a second time.
     if 2 * sum(member.file_size for member in members) > (MEMORY_FACTOR - 1) * size + MEMORY_BASE:
         raise ValueError(f"its arrays are too large for a file of {size} bytes")
     for member in members:
-        # Other formats allocate by numbers that stand in the file.
+        # Other formats allocate memory by numbers in the file.
         if member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
             raise ValueError(f"{shown(member.filename)} is packed in a way that NumPy never writes")
 
@@ -156,11 +156,11 @@ def _read_array(archive: ZipFile, member: ZipInfo) -> NDArray:
     """One array of an npz file.
 
     Raises:
-        ValueError: Its header does not fit its bytes, or it holds something else than numbers,
-            truth values or text.
+        ValueError: Its header does not fit its bytes, or it has something other than numbers, truth
+            values or text.
     """
     with archive.open(member) as stream:
-        # With the size, so that no more than this is unpacked.
+        # The size is given so that no more than this is unpacked.
         packed = BytesIO(stream.read(member.file_size))
     name = shown(member.filename)
     if np.lib.format.read_magic(packed) != (1, 0):

@@ -1,10 +1,10 @@
 """Configurations that check themselves when they are made.
 
-A configuration is a frozen dataclass that inherits from `Checked`. The range of a number stands
-with its field, as `Annotated[int, Within(2, 1_000_000)]`; its type, the names that a `Literal`
-allows and the order of a pair are checked from the annotation too. NaN and infinity are refused
-everywhere. So the command line, the JSON and Python users get the same error, before any work.
-What needs two configurations or the stored initial states is checked in `surefoot.runs.checks`.
+A configuration is a frozen dataclass that inherits from `Checked`. The annotation of a field gives
+the range of a number, as `Annotated[int, Within(2, 1_000_000)]`, its type, the names that a
+`Literal` allows and the order of a pair; all are checked. NaN and infinity are refused everywhere.
+So the command line, JSON files and Python users get the same errors, before any work. Checks that
+need two configurations or the stored initial states are in `surefoot.runs.checks`.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from surefoot.errors import unknown
 
 Value = TypeVar("Value")
 Annotation = Any
-"""What stands behind the colon of a field: a type, or something made of types."""
+"""The annotation of a field: a type, or something made of types."""
 
 MOST_ITEMS = 32
-"""The number of items that a tuple of any length may have, so that no file asks for much memory."""
+"""Maximum number of items in a tuple of any length, so that no file takes much memory."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class Checked:
     """Base class of the configurations: every field is checked when one is made.
 
     Attributes:
-        section: Where the class stands in the whole configuration, for messages.
+        section: The path of the class in the whole configuration, for messages.
         renamed: Names that fields had in older JSON files, with the names that they have now.
 
     Raises:
@@ -134,7 +134,7 @@ def _annotations(kind: type) -> Mapping[str, Annotation]:
 
 
 def _check(value: Any, hint: Annotation, path: str, limits: Within | None = None) -> None:
-    """Check one value against its annotation; limits of a tuple hold for each of its numbers."""
+    """Check one value against its annotation; limits of a tuple apply to each of its numbers."""
     origin = get_origin(hint)
     if origin is Annotated:
         _check_annotated(value, hint, path, limits)

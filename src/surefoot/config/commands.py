@@ -1,7 +1,7 @@
 """The commands that robots are to follow: a box in vx, vy and yaw rate, and commands all over it.
 
-What a method calls its velocities are commands of the box; `scenarios.make` lets the expert settle
-at each of them. Only `CommandBox.spread` needs more than the standard library.
+The velocities of a method are commands of the box; `scenarios.make` lets the expert settle at each
+of them. Only `CommandBox.spread` needs more than the standard library.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class CommandBox(Checked):
         """Commands ``(n, 3)`` that are spread over the box: vx, vy [m/s], yaw rate [rad/s].
 
         Along a single open axis they are equally spaced, both ends included. Otherwise they begin
-        with the command nearest to zero, the ends of each axis and the corners, and go on with a
-        Halton sequence: the first commands are the same for every n, so that a part of a set is
+        with the command nearest to zero, the ends of each axis and the corners, followed by a
+        Halton sequence: the first commands are the same for every n, so the first part of a set is
         spread too.
 
         Args:
@@ -80,5 +80,5 @@ class CommandBox(Checked):
         for shares in qmc.Halton(d=3, scramble=False).random(n + 1)[1:].tolist():
             pairs = zip(axes, shares, strict=True)
             commands.append(tuple(low + share * (high - low) for (low, high), share in pairs))
-        # A command that is there already is left out; what is kept is in its order.
+        # Repeated commands are left out; the others keep their order.
         return list(dict.fromkeys(commands))[:n]

@@ -74,12 +74,13 @@ def shortened(
     directions: int | None = None,
     resolution: float | None = None,
 ) -> PushConfig:
-    """Pushes that take less time: fewer robots, fewer directions, coarser levels.
+    """Settings of push recovery that take less time: fewer robots or directions, coarser levels.
 
-    The simulated time is that of speeds x directions x (about log2 of the levels) episodes.
+    The simulated time is that of speeds x phases x directions x (about log2 of the levels)
+    episodes.
 
     Args:
-        push: The pushes; what is not given is as there.
+        push: The settings; those that are not given below are kept.
         speeds: The number of forward speeds, each at ten phases of the gait.
         directions: The number of directions.
         resolution: The distance between two levels [N s]; the strongest push stays about the same.
@@ -90,7 +91,7 @@ def shortened(
     levels = push.levels
     if resolution is None:
         resolution = push.resolution
-    elif resolution > 0.0:  # another one is refused below, by the range of the field
+    elif resolution > 0.0:  # any other is refused below, by the range of the field
         levels = max(round(push.strongest / resolution), 1)
     return replace(
         push,

@@ -1,8 +1,9 @@
-"""The gait clock: which foot stands when, and when a robot that is asked for a gait begins it.
+"""The gait clock: when each foot stands, and when a robot begins a commanded gait.
 
-Time is in ticks of 1 ms. All gaits keep one clock, each at the phase that it has in its own period.
-NumPy is enough for this module, so that planner, rollouts, viewer and the loop on the robot have
-one rule. Read `mpc.schedule` for the horizon of a plan, and `scenarios.gait_switches` for episodes.
+Time is in ticks of 1 ms. All gaits share one clock, and the phase of each follows from its own
+period. The module needs only NumPy, so that planner, rollouts, viewer and the loop on the robot
+share one rule. Read `mpc.schedule` for the horizon of a plan, and `scenarios.gait_switches` for
+episodes.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from surefoot.types import (
 
 
 def grid_cycle(gait: Gait) -> int:
-    """Return the time after which gait and grid are together again where they were [ms].
+    """Return the time after which gait and grid coincide again as before [ms].
 
     Args:
         gait: The gait, for its period.
@@ -60,16 +61,17 @@ def in_stance(gait: Gait, tick: IntArray | int) -> BoolArray:
 
 
 def switch_tick(old: Gait, new: Gait, tick: int) -> int:
-    """The tick of the gait clock at which a robot that is asked for a gait begins it [ms].
+    """The tick of the gait clock at which a robot begins a commanded gait [ms].
 
-    It is the first one at which a cycle of the new gait begins while a foot of the old one stands,
-    and has for a node, so that no robot has to land in a new gait; where there is none, the first
-    one at which a cycle begins. It is on the grid of plans, so that an expert plans there anyway.
+    It is the first tick at which a cycle of the new gait begins while a foot stands in the old one,
+    as some foot did at the previous node, so that no robot has to land in a new gait. If there is
+    none, it is the first tick at which a cycle begins. It is on the grid of plans, so an expert
+    plans there anyway.
 
     Args:
         old: The gait that the robot walks.
-        new: The gait that it is asked for.
-        tick: The tick at which it is asked.
+        new: The gait that is commanded.
+        tick: The tick at which it is commanded.
     """
     cycle = grid_cycle(new)
     several = math.lcm(grid_cycle(old), cycle) // cycle
@@ -79,9 +81,9 @@ def switch_tick(old: Gait, new: Gait, tick: int) -> int:
 
 
 class GaitChange:
-    """Which of several gaits one robot walks: that which is asked for, from its `switch_tick` on.
+    """Which of several gaits one robot walks: the commanded one, from its `switch_tick` on.
 
-    Of two wishes before that tick the later one counts.
+    If another gait is commanded before that tick, only the later command counts.
 
     Args:
         gaits: The gaits, by their numbers.
@@ -93,7 +95,7 @@ class GaitChange:
 
     @property
     def asked(self) -> int:
-        """The number of the gait that was asked for last."""
+        """The number of the gait that was commanded last."""
         return self._asked
 
     def begin(self, number: int) -> None:
@@ -111,7 +113,7 @@ class GaitChange:
         self._begins = 0
 
     def ask(self, number: int, tick: int) -> None:
-        """Ask for a gait; asking for it again changes nothing.
+        """Command a gait; commanding it again changes nothing.
 
         Args:
             number: Its number.
@@ -133,12 +135,12 @@ class GaitChange:
         """The number of the gait that is walked.
 
         Args:
-            tick: The gait clock, now or as far ahead as nothing else is asked for [ms].
+            tick: The gait clock, now or later, if no other gait is commanded until then [ms].
         """
         return self._asked if tick >= self._begins else self._old
 
     def command(self, velocity: Command, tick: int) -> Command:
-        """A velocity as a command of the gait that is walked.
+        """A velocity as a command in the gait that is walked.
 
         Args:
             velocity: The velocity.
@@ -148,6 +150,6 @@ class GaitChange:
         return GaitCommand(*velocity, gait=gait) if gait else velocity
 
     def _check(self, number: int) -> None:
-        """Check a number of a gait."""
+        """Check the number of a gait."""
         if not 0 <= number < len(self._gaits):
             raise ValueError(f"the gait number {number}; use 0 to {len(self._gaits) - 1}")

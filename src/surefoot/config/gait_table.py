@@ -1,4 +1,4 @@
-"""The named gaits, as data. A gait is its timing: what else it needs follows or is measured.
+"""The named gaits, as data. A gait is its timing; all else that it needs follows or is measured.
 
 Read `mpc.gaits` next, which puts one into a configuration.
 """
@@ -19,16 +19,16 @@ GAITS: Mapping[str, Gait] = {
     "pronk": Gait(period=0.5, duty=0.6, offsets=(0.0, 0.0, 0.0, 0.0)),
     "stand": Gait(period=0.5, duty=1.0, offsets=(0.0, 0.0, 0.0, 0.0)),
 }
-"""The gaits by name. In a walk and a crawl one leg swings at a time, in an amble the legs follow
-each other, in a trot, a pace and a bound the legs of a diagonal, a side and an end swing together,
-and in a pronk all of them. A pace rolls Solo12 by 25 degrees; with higher steps it falls."""
+"""The gaits by name. In a walk and a crawl, one leg swings at a time; in an amble, the legs follow
+each other; in a trot, a pace and a bound, the legs of a diagonal, a side and an end swing together;
+in a pronk, all legs do. A pace rolls Solo12 by 25 degrees; with higher steps it falls."""
 
 UNNAMED = "custom"
-"""What a gait is called that is none of these."""
+"""The name of a gait that is none of these."""
 
 
 def gait_name(gait: Gait) -> str:
-    """The name of a gait, by its timing alone; `custom` for one that has none."""
+    """The name of a gait, by its timing alone; `custom` for one without a name."""
     for name, known in GAITS.items():
         if known.timing == gait.timing:
             return name
@@ -39,7 +39,7 @@ def gait_names(gaits: Sequence[Gait]) -> tuple[str, ...]:
     """The names of the gaits of one policy; a second one without a name is `custom-2`.
 
     Args:
-        gaits: The gaits, no two of the same timing.
+        gaits: The gaits, no two with the same timing.
     """
     names: list[str] = []
     unnamed = 0

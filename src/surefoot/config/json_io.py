@@ -1,11 +1,11 @@
 """Dataclasses to and from JSON values: configurations and results alike.
 
-`to_json` makes JSON of any record, `from_json` reads it back and checks it key by key: an unknown
-key names the nearest one that exists, a missing key and a value of the wrong type are named too.
-A class with a `name` of its own (the methods' parameters) is written with that name, which tells it
-from the others when it is read; a class with a table `renamed` still reads its former keys. A
-number that is not finite, which JSON does not have, becomes null; it is read back as NaN.
-`json_text` reads the files.
+`to_json` turns any record into JSON, and `from_json` reads it back and checks it key by key: the
+message about an unknown key names the closest one that exists; a missing key or a value of the
+wrong type is named, too. A class with a class variable `name` (the methods' parameters) is written
+with that name, which identifies it when it is read; a class with a table `renamed` still reads its
+former keys. A number that is not finite, which JSON cannot represent, becomes null; it is read back
+as NaN. `json_text` reads the files.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ Plain = None | bool | int | float | str | list[Any] | dict[str, Any]
 
 
 def to_json(value: object) -> Any:
-    """JSON values of a record, or of anything that a record may hold."""
+    """JSON values of a record, or of anything that a record may contain."""
     if _is_record(value):
         named = {"name": value.name} if _is_named(type(value)) else {}
         return named | {field.name: to_json(getattr(value, field.name)) for field in fields(value)}
@@ -69,7 +69,7 @@ def from_json(kind: type[Record], values: object, where: str = "") -> Record:
         where: The dotted path of the object, for messages.
 
     Raises:
-        ValueError: A key is unknown, missing or there twice under two names, or a value has the
+        ValueError: A key is unknown, missing or given twice under two names, or a value has the
             wrong type or is out of range; the message names its whole dotted path.
     """
     path = f"{where}." if where else ""
@@ -89,13 +89,13 @@ def from_json(kind: type[Record], values: object, where: str = "") -> Record:
     if missing:
         raise ValueError(f"{where or kind.__name__} lacks {', '.join(missing)}")
     if issubclass(kind, Checked):
-        # The object would check itself, but does not know where it stands.
+        # The object would check itself, but does not know its path.
         check_values(kind, arguments.items(), where or kind.section)
     return kind(**arguments)
 
 
 def read_json(path: Path) -> Any:
-    """The JSON values of a file; no key is there twice, and numbers are finite.
+    """The JSON values of a file; no key appears twice, and numbers are finite.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -109,12 +109,12 @@ def read_json(path: Path) -> Any:
 
 
 def read_record(path: Path, kind: type[Record]) -> Record:
-    """The record that a file of JSON holds.
+    """The record in a JSON file.
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: The file is not JSON, or holds no such record; the message names the file and
-            the dotted path of what is wrong.
+        ValueError: The file is not JSON, or not such a record; the message names the file and the
+            dotted path of what is wrong.
     """
     values = read_json(path)
     try:
@@ -223,7 +223,7 @@ def _plain(hint: Any, value: Any, path: str) -> Any:
 
 
 def _text(value: Any) -> str:
-    """A name as it is; of anything else, what a message shows."""
+    """A name as it is; anything else, or a very long name, as a message shows it."""
     return value if isinstance(value, str) and len(value) <= 200 else shown(value)
 
 

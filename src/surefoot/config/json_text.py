@@ -1,9 +1,9 @@
-"""Files and JSON that anything may have written: nothing hangs, and nothing takes much memory.
+"""Reads files and JSON from any source, without hanging and without taking much memory.
 
-`read_file` takes regular files only. `parse_json` adds up what a text would take in memory before
-it reads it, and refuses what JSON of this package never is: keys that are there twice, numbers that
-are not finite or not of 64 bits, deep nesting. Read `json_io` next, which makes records of the
-values.
+`read_file` reads regular files only. `parse_json` adds up what a text would take in memory before
+it reads it, and refuses what this package never writes: keys that appear twice, numbers that are
+not finite or do not fit 64 bits, deep nesting. Read `json_io` next, which turns the values into
+records.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from typing import Any
 from surefoot.errors import shown
 
 MOST_BYTES = 2**30
-"""[B] No file of the package is larger, except for shards of frames, which are not read here."""
+"""[B] Maximum size of the package's files, except for shards of frames, which are not read here."""
 MOST_LEVELS = 50
-"""JSON that is nested more deeply is nothing that the package writes."""
+"""Maximum depth of nested JSON; the package writes nothing deeper."""
 MEMORY_FACTOR = 9
-"""What is read may take this many times the file's size in memory, and `MEMORY_BASE`."""
+"""Reading a file may take this many times its size in memory, plus `MEMORY_BASE`."""
 MEMORY_BASE = 45_000_000
-"""[B] What any file may take in memory."""
+"""[B] Memory that reading any file may take."""
 _JSON_COSTS = {b"{": 250, b"[": 90, b":": 240, b",": 60, b'"': 35}
-"""[B] What Python allocates at most for a value that begins, or ends, with each of these."""
+"""[B] Maximum that Python allocates for a value that begins, or ends, with each of these."""
 
 
 def read_file(path: Path) -> bytes:
@@ -34,7 +34,7 @@ def read_file(path: Path) -> bytes:
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: It is a folder, a pipe or a device, which could last forever, or too large.
+        ValueError: It is a folder, a pipe or a device, which may never end, or is too large.
     """
     if path.exists() and not path.is_file():
         raise ValueError(f"{path} is not a regular file")
@@ -45,12 +45,12 @@ def read_file(path: Path) -> bytes:
 
 
 def parse_json(content: bytes) -> Any:
-    """The values of a JSON text: numbers are finite and fit 64 bits, no key is there twice.
+    """The values of a JSON text: numbers are finite and fit 64 bits, and no key appears twice.
 
     Raises:
         ValueError: The text is not such JSON, or would take too much memory.
     """
-    # The text and its values: with one letter beyond ASCII, Python may take four bytes for each.
+    # The text and its values: with one character beyond ASCII, Python may use four bytes for each.
     needed = len(content) * (2 if content.isascii() else 9)
     needed += sum(content.count(mark) * cost for mark, cost in _JSON_COSTS.items())
     if needed > MEMORY_FACTOR * len(content) + MEMORY_BASE:
@@ -72,7 +72,7 @@ def parse_json(content: bytes) -> Any:
 
 
 def _object(pairs: list[tuple[str, Any]]) -> object:
-    """An object of JSON whose keys differ."""
+    """A JSON object, after checking that no key appears twice."""
     values = dict(pairs)
     if len(values) < len(pairs):
         counts = Counter(key for key, _ in pairs)
@@ -93,7 +93,7 @@ def _finite(text: str) -> float:
 
 
 def _integer(text: str) -> int:
-    """An integer that fits 64 bits, as all that the package writes do."""
+    """An integer that fits 64 bits, as all integers that the package writes do."""
     if len(text) > 20 or not -(2**63) <= int(text) < 2**63:
         raise ValueError(f"{text[:40]} does not fit 64 bits")
     return int(text)
@@ -103,7 +103,7 @@ def _check_depth(values: Any) -> None:
     """Check, level by level, how deep JSON values are nested.
 
     Raises:
-        ValueError: They are nested too deeply for messages, which show them, to be made.
+        ValueError: They are nested too deeply to be shown in messages.
     """
     level = [values]
     for _ in range(MOST_LEVELS):
@@ -114,7 +114,7 @@ def _check_depth(values: Any) -> None:
 
 
 def _items(value: Any) -> Iterable[Any]:
-    """What a list or an object holds; nothing for other JSON values."""
+    """The items of a list or an object; none for other JSON values."""
     if isinstance(value, dict):
         return value.values()
     return value if isinstance(value, list) else ()

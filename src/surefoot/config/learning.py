@@ -15,7 +15,7 @@ LayoutName = Literal["full", "proprioceptive", "full_history"]
 
 - `full`: the whole state, as the paper's policies see it.
 - `proprioceptive`: what a robot measures on board, so neither the height of the base nor its linear
-  velocity, but what it measured and which joint targets it applied 20, 40, .. 100 ms ago.
+  velocity, and what it measured and which joint targets it applied 20, 40, .. 100 ms ago.
 - `full_history`: the whole state, and the same history.
 """
 HeightRule = Literal["absolute", "above_feet"]

@@ -17,9 +17,9 @@ Weight = Annotated[float, Within(0.0, 1e12)]
 """Weight of a cost."""
 Nodes = Annotated[int, Within(4, 200)]
 """Length of a horizon in nodes of 50 ms: at least the 100 ms of a plan with a first node that may
-be shorter, at most 10 s, because the time of a plan grows with it."""
+be shorter, at most 10 s, because the time to find a plan grows with it."""
 Iterations = Annotated[int, Within(1, 10_000)]
-"""Iterations of a solver; a plan that is not found after so many is late by seconds."""
+"""Iterations of a solver; a plan that is not found after the maximum is late by seconds."""
 Height = Annotated[float, Within(0.01, 10.0)]
 """Height above the ground [m]."""
 
@@ -44,7 +44,7 @@ class Gait(Checked):
 
     @property
     def timing(self) -> tuple[float, ...]:
-        """Period [s], duty factor and four offsets: what a gait is, at whatever height."""
+        """Period [s], duty factor and four offsets: what defines a gait, whatever its heights."""
         return (self.period, self.duty, *self.offsets)
 
 

@@ -27,13 +27,13 @@ CLONED = "behavior_cloning-pushed"
 GUARDED = "loco_safe_dagger-pushed"
 """LocoSafeDAGGER, pushed in its pre-training and while it collects."""
 MIRRORED: Options = {"training.mirror": "left_right"}
-"""A fit sees each frame and its mirror image."""
+"""Training on the frames and their mirror images."""
 
 
 def options_study() -> StudyConfig:
     """Whether mirrored frames and a pushed pre-training are worth it, with 20 s of the expert.
 
-    Techniques that are compared differ in one thing, and are trained three times for each seed.
+    Compared techniques differ in one thing, and are trained three times for each seed.
     """
     settings = regimes((20,))
     questions: tuple[tuple[str, str, str, Prediction], ...] = (

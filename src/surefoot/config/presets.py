@@ -1,8 +1,8 @@
 """Presets: differences from the default configuration, all in one place.
 
-`Config` itself holds the paper's numbers with this package's expert. `paper` adds what else the
-paper does, `default` is the same protocol made cheap, `quick` is a small run of `default`, and
-`pushed` is `default` with an expert that is pushed from the first data on.
+The defaults of `Config` are the paper's numbers with this package's expert. `paper` adds the rest
+of what the paper does, `default` is the same protocol made cheap, `quick` is a small run of
+`default`, and `pushed` is `default` with an expert that is pushed from the first data on.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ ALL_ROUND = Rules(capture_share=0.25, turn_compensation=0.3)
 
 # Many short recoveries teach more than a few long ones: after 0.8 s the trot has settled.
 _SHORT = ExpertData(velocities=10, perturbations=2, nominal=True, duration=0.8)
-# A rate that falls to zero may begin at four times the paper's, and needs fewer epochs.
+# A learning rate that falls to zero may begin at four times the paper's, and needs fewer epochs.
 _FAST = TrainingConfig(learning_rate=8e-3, schedule="cosine")
 
 
@@ -75,8 +75,8 @@ def preset(method: str, name: str = "default") -> Config:
 
 def paper(method: str) -> Config:
     """The paper's numbers, its simulator, and its expert's rules."""
-    # The paper says nothing of the precision; float32 is PyTorch's default, and the choice does not
-    # depend on the processor.
+    # The paper does not mention the precision; float32 is PyTorch's default, and does not depend on
+    # the processor as `auto` does.
     config = Config(
         method=method_config(method),
         simulation=SimulationConfig(backend="bullet"),
@@ -87,14 +87,14 @@ def paper(method: str) -> Config:
 
 
 def default(method: str) -> Config:
-    """The paper's protocol, the iterative methods with a sixth of its steps.
+    """The paper's protocol; the iterative methods train for a sixth of its steps.
 
-    `benchmarks/notebook/training.md` says how they were chosen.
+    `benchmarks/notebook/training.md` explains how the numbers were chosen.
     """
     parameters = method_config(method)
     training = replace(_FAST, mirror="auto")
     if isinstance(parameters, IterativeConfig):
-        # Policies that only collect need little training; the last one is trained for long.
+        # Policies that only collect data need little training; the last one is trained for long.
         parameters = replace(
             parameters,
             pretraining=_SHORT,
@@ -111,19 +111,19 @@ def default(method: str) -> Config:
         collection = DisturbanceConfig()
     if isinstance(parameters, LocoSafeDaggerConfig):
         # Bounds that are tight at first call the expert after a push while it can still help.
-        # The trot has settled after 0.8 s, so that a second of the expert is enough.
+        # The trot has settled after 0.8 s, so a second of the expert is enough.
         parameters = replace(parameters, gates=("relaxing",), T_block=1.0)
-    # Twenty robots to a batch halve the cost of the network on a machine of few cores.
+    # Twenty robots per batch halve the cost of the network on a machine with few cores.
     return Config(method=parameters, chunk=20, training=training, collection=collection)
 
 
 def _pushes(count: int) -> DisturbanceConfig:
-    """Pushes that teach: up to what the expert recovers from, which takes it beyond 30 degrees."""
+    """Pushes that teach, up to those that tilt the expert beyond 30 degrees until it recovers."""
     return DisturbanceConfig(count, impulse=None, gentle=0.7, expert_impulse=None, fall_angle=60.0)
 
 
 def quick(method: str) -> Config:
-    """A small run of `default`, with a training of its own."""
+    """A small run of `default`, trained without mirror images."""
     config = replace(default(method), training=_FAST)
     if isinstance(config.method, IterativeConfig):
         short = replace(
@@ -141,7 +141,7 @@ def quick(method: str) -> Config:
 def pushed(method: str) -> Config:
     """`default` with an expert that is pushed from the first data on, once in each rollout.
 
-    With little data that helps at equal MPC solves and equal steps (studies `regimes`, `options`).
+    With little data, this helps at equal MPC solves and equal steps (studies `regimes`, `options`).
     """
     config = default(method)
     taught = DisturbanceConfig(pushes=1, impulse=None, fall_angle=60.0)
@@ -177,18 +177,18 @@ def straight_trot(config: Config) -> bool:
 
 
 def ground_for(config: Config) -> GroundRule:
-    """The ground on which motions are planned, unless it is chosen.
+    """The ground on which motions are planned by default.
 
-    It is what the feet show where a robot may meet ground that is not level.
+    It follows the feet where a robot may meet ground that is not level.
     """
     published = config.expert.foothold_rule == "published"
     return "level" if published or config.simulation.terrain is None else "feet"
 
 
 def with_ground(config: Config) -> Config:
-    """The configuration of one gait with the ground that it plans on, where it has a terrain.
+    """The configuration of one gait, with the ground that it plans on if it has a terrain.
 
-    Without one it stays None: it is level then, and files are as they were before there was ground.
+    Without a terrain, the ground stays None, which means level, as in files of earlier versions.
     """
     if config.simulation.terrain is None or config.expert.ground is not None:
         return config
@@ -196,10 +196,10 @@ def with_ground(config: Config) -> Config:
 
 
 def with_earlier_ground(config: Config) -> Config:
-    """The configuration of a run that was begun, with the ground that its expert plans on.
+    """The configuration of an existing run, with the ground that its expert plans on.
 
-    A run on a terrain says so since there is a choice. One that does not planned on level ground,
-    and goes on like that.
+    Since the ground became an option, a run on a terrain has stored it. An earlier run planned on
+    level ground, and continues to.
 
     Args:
         config: The configuration as it is in the run's file.
@@ -219,20 +219,20 @@ def _on_level(expert: ExpertConfig) -> ExpertConfig:
 
 
 def rules_for(config: Config) -> Rules:
-    """What the expert does in turns, and where a gait is slower than its command, unless chosen.
+    """The default rules of the expert for turns, and for gaits that are slower than commanded.
 
-    The rules of `STRAIGHT_TROT` stay for its robot, gait and commands; and BiConMP has none.
+    The robot, gait and commands of `STRAIGHT_TROT` keep their rules; BiConMP has none.
     """
     published = config.expert.foothold_rule == "published"
     return FIRST if straight_trot(config) or published else ALL_ROUND
 
 
 def with_rules(config: Config, commands: CommandBox | None = None) -> Config:
-    """The configuration with the rules of its robot, gait and commands (`rules_for`) for None.
+    """The configuration with the rules of robot, gait and commands (`rules_for`) in place of None.
 
     Args:
         config: A configuration of one gait.
-        commands: Commands to take the rules of in place of the configuration's own.
+        commands: The commands whose rules to use; None uses the configuration's own.
     """
     rules = vars(rules_for(replace(config, commands=commands or config.commands)))
     missing = {name: rules[name] for name in rules if vars(config.expert)[name] is None}

@@ -2,8 +2,8 @@
 
 A robot's spec says what its joints could do; a profile says what the electronics of one actual
 robot let them do. `robot.profile` names one: torques are then clipped to it, and an evaluation
-counts how many robots would have been switched off by their own protection. The package has some
-profiles by name, and a JSON or TOML file holds a user's own. `surefoot.robots.profile` reads them.
+counts how many robots would have switched themselves off. The package has some profiles by name,
+and a JSON or TOML file may define a user's own. `surefoot.robots.profile` reads them.
 """
 
 from __future__ import annotations

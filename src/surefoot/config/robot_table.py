@@ -2,7 +2,7 @@
 
 Nominal angles are those of the descriptions' own standing postures, except for Solo12, which stands
 as in its public MPC. Boxes follow the extents of the trunks with their hip motors. Read
-`config.robots` for what each field means, and `robots.load` for what is made of them.
+`config.robots` for what each field means, and `robots.load` for the models made from them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ SOLO12 = RobotSpec(
     body_half_edges=(0.2241, 0.1095, 0.0265),
     leg_radii=(0.0185, 0.0135),
     torque_limit=(2.7, 2.7, 2.7),  # peak of its actuator module (Grimminger et al., 2020)
-    # At 0.25 m the foot spheres hang 9 mm above the ground; the nominal pose stands on them.
+    # At 0.25 m, the foot spheres are 9 mm above the ground; robots stand with them on the ground.
     nominal_height=0.25,
     # Gains, heights, weight and footholds of BiConMP's trot, and this package's capture time.
     tuning=Tuning(
@@ -124,10 +124,10 @@ ROBOTS: Mapping[str, RobotSpec] = {
 
 
 def tuning_of(robot: RobotConfig) -> Tuning:
-    """The values that a configured robot has of its own, as far as its spec is at hand.
+    """The tuning of a configured robot, if its spec is known.
 
     Args:
-        robot: The robot's configuration; of one that names a file nothing is known here.
+        robot: The robot's configuration; if it names a file, the tuning is not known here.
     """
     spec = robot.spec or ROBOTS.get(robot.model)
     return Tuning() if spec is None else spec.tuning

@@ -1,7 +1,7 @@
-"""Robots as data: what is to be known of one besides its URDF, and which one is configured.
+"""Robots as data: what a robot needs in addition to its URDF, and which robot is configured.
 
 A `RobotSpec` is data, never code: the package has some by name (`config.robot_table`), and a JSON
-or TOML file holds a user's own. `surefoot.robots.load` makes a model of one.
+or TOML file may define a user's own. `surefoot.robots.load` turns one into a model.
 """
 
 from __future__ import annotations

@@ -11,14 +11,14 @@ GateName = Literal["bounds", "relaxing", "classifier", "history"]
 """Names of the gates.
 
 - `bounds`: the paper's table.
-- `relaxing`: the same table, tight in the first iteration and the paper's in the last one; never
-  tighter than the settled gait needs.
+- `relaxing`: the same table, tight in the first iteration and as in the paper in the last one;
+  never tighter than the settled gait needs.
 - `classifier`: SafeDAGGER's network, which predicts where the policy deviates from the expert.
 - `history`: a network that predicts from the last 100 ms that the bounds will be left within the
   next 0.3 s.
 
-`relaxing` and `history` are what the paper names as future work. A network serves as a gate from
-the iteration after the first one whose data it can learn from.
+The paper names `relaxing` and `history` as future work. A network serves as a gate from the
+iteration after the first one whose data it can learn from.
 """
 
 HandBack = Literal["safe_and_blocked", "every_violation_restarts", "safe_or_blocked"]

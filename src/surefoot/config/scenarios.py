@@ -11,7 +11,7 @@ Split = Literal["nominal", "train", "select", "test"]
 """Splits of the stored initial states: a settled gait cycle, and perturbed states to train on, to
 select a policy on, and to test it on once."""
 TeachingSplit = Literal["train", "nominal"]
-"""Splits where rollouts may begin that are learned from."""
+"""Splits in which rollouts that are learned from may begin."""
 Sigma = Annotated[float, Within(0.0, 1000.0)]
 """A standard deviation."""
 Impulse = Annotated[tuple[float, float], Within(0.0, 1000.0), Rising()]
@@ -19,9 +19,9 @@ Impulse = Annotated[tuple[float, float], Within(0.0, 1000.0), Rising()]
 Factor = Annotated[tuple[float, float], Within(0.001, 1000.0), Rising()]
 """The smallest and the largest factor."""
 LONGEST_PUSH = 60.0
-"""[s] No push lasts longer."""
+"""[s] Maximum duration of a push."""
 LONGEST_DELAY = 1000
-"""[ms] No torque is later."""
+"""[ms] Maximum delay of the torques."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class DisturbanceConfig(Checked):
 def acting(
     disturbance: DisturbanceConfig, *, rises: bool = False, teaches: bool = False
 ) -> DisturbanceConfig:
-    """A disturbance without what changes nothing: settings of pushes that never come are defaults.
+    """A disturbance in which settings without effect, of pushes that never come, are the defaults.
 
     Args:
         disturbance: What is drawn for each episode.

@@ -1,7 +1,7 @@
 """The contact physics of the simulators, and the ground on which robots walk in them.
 
 A terrain is data: a kind, a size and a seed, written as a text such as ``bumps:0.03``. The heights
-are made of it in `sim.terrain`.
+are made from it in `sim.terrain`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ TerrainKind = Literal["flat", "bumps", "blocks", "slope", "stairs"]
 """Kinds of ground.
 
 - `flat`: level.
-- `bumps`: smooth random heights, with a bump every 10 cm; the size is the highest [m].
-- `blocks`: squares of 15 cm at random heights; the size is the highest [m].
+- `bumps`: smooth random heights, with a bump every 10 cm; the size is the maximum height [m].
+- `blocks`: squares of 15 cm at random heights; the size is the maximum height [m].
 - `slope`: a plane; the size is its inclination [deg].
 - `stairs`: steps that are 40 cm deep; the size is their height [m].
 
@@ -32,7 +32,7 @@ MOST_SIZE = {"flat": 0.0, "bumps": 0.3, "blocks": 0.3, "slope": 45.0, "stairs": 
 GROUNDS = ("flat", "bumps:0.02", "bumps:0.05", "slope:10", "stairs:0.03")
 """The grounds that `surefoot terrains` measures unless others are named."""
 MOST_TERRAINS = 32
-"""The number of terrains that a text may name."""
+"""Maximum number of terrains that a text may name."""
 _TERRAIN = re.compile(
     r"(?P<kind>\w{1,20})"
     r"(?: : (?P<low>[^@:]{1,20}?) (?:\.\. (?P<high>[^@:]{1,20}))? )?"
@@ -99,7 +99,7 @@ def parse_terrains(text: str) -> tuple[Terrain, ...]:
 
 
 def _parse_terrain(text: str) -> Terrain:
-    """The terrain of a text such as ``bumps:0.01..0.05@7``; the errors are those of all."""
+    """The terrain of a text such as ``bumps:0.01..0.05@7``; it raises as `parse_terrains` does."""
     kinds: tuple[TerrainKind, ...] = get_args(TerrainKind)
     match = _TERRAIN.fullmatch(text)
     example = "write a kind and its size, such as bumps:0.03, slope:0..10 or flat"

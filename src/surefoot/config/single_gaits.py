@@ -1,6 +1,6 @@
-"""Configurations of one gait: as many as a configuration of several has.
+"""Splits a configuration of several gaits into configurations of one gait each.
 
-What another gait than the first one leaves open is here put in its place, so that everything that
+Values that the gaits after the first one leave open are filled in here, so that everything that
 depends on the gait can be made for one gait at a time. Read `mpc.gaits` next, for gaits by name.
 """
 
@@ -19,7 +19,7 @@ from surefoot.config import (
 
 
 def with_timing(config: Config, gait: Gait) -> Config:
-    """The configuration, with any gait, and with what follows from another one than the trot.
+    """The configuration with another gait; unless that is the trot, its horizons follow from it.
 
     Args:
         config: The configuration.
@@ -38,9 +38,9 @@ def with_timing(config: Config, gait: Gait) -> Config:
 def each_gait(config: Config) -> tuple[Config, ...]:
     """A configuration of one gait for each of the gaits of a configuration, in their order.
 
-    Each has the expert and the initial states of its gait. What another gait leaves open, with an
-    expert that is None, is as for the first one, but for what follows from the timing, and for the
-    command gains.
+    Each has the expert and the initial states of its gait. If another gait's expert is None, it is
+    that of the first gait, except for values that follow from the timing, and for the command
+    gains.
 
     Args:
         config: The configuration.
@@ -59,12 +59,12 @@ def _alone(first: Config, other: OtherGait) -> Config:
             expert = _with_horizon_of_trot(expert)
     kp = first.expert.kp if expert.kp is None else expert.kp
     kd = first.expert.kd if expert.kd is None else expert.kd
-    expert = replace(expert, kp=kp, kd=kd)  # joints are held alike in all gaits
+    expert = replace(expert, kp=kp, kd=kd)  # by default, all gaits have the same gains
     return replace(timed, expert=expert, start_set=other.start_set)
 
 
 def _with_horizon_of_trot(expert: ExpertConfig) -> ExpertConfig:
-    """The expert of another gait for a trot, whose horizon is not what follows from its period."""
+    """The expert of another gait, with the horizon of a trot, which does not follow its period."""
     nodes = expert.centroidal.nodes or CentroidalConfig().nodes
     fewer = expert.kinematic.nodes or KinematicConfig().nodes
     if nodes is not None and fewer is not None:

@@ -1,8 +1,8 @@
 """The studies with a small budget, where methods and observations differ most.
 
-All arms have equal expert-seconds and equal steps of training. `regimes_study` compares methods by
-what their data begin with; `sensors_study` compares what the policy sees. `options_study` asks on
-the same terms what options of the best methods are worth.
+All techniques have equal expert-seconds and equal steps of training. `regimes_study` compares
+methods by what their data begin with; `sensors_study` compares what the policy sees. On the same
+terms, `options_study` asks what options of the best methods are worth.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ STEPS = 3_200
 """Steps of training of each run."""
 ITERATIONS = 3
 """Iterations after the pre-training."""
-# What decides how long and how a network is trained stands here, whatever the preset does.
+# Everything that decides how, and how long, a network is trained is set here, not by the preset.
 COMMON: Options = {
-    # These choose among a run's policies; each measurement has as many as it needs.
+    # These choose among a run's policies; measurements may set other numbers.
     "evaluation.episodes": 40,
     # Without these, the seed of a training decides more than the method
     # (`benchmarks/notebook/training.md`).
@@ -62,7 +62,7 @@ ITERATIVE: Options = {
 }
 DAGGER: Options = {**ITERATIVE, "method.T": 1.6}
 GATED: Options = {**ITERATIVE, "method.T": 5.0, "method.T_end": 0.5, "method.T_block": 1.0}
-# Bounds that nothing leaves: the policy drives alone, and the expert only in the tail.
+# Bounds that no robot leaves: the policy drives alone, and the expert only in the tail.
 FREE: Options = {
     "safety.com_height": (0.0, 1000.0),
     "safety.roll_pitch": 10_000.0,
@@ -84,7 +84,7 @@ HUNDRED: Options = {"evaluation.episodes": 100}
 
 
 def pushed_expert(mass: float = 1.0) -> Options:
-    """One push in each rollout of an expert that is cloned.
+    """One push in each rollout of the expert that is cloned.
 
     Args:
         mass: Mass of the robot, as a multiple of Solo12's.
@@ -124,11 +124,11 @@ def pushed_later(mass: float = 1.0) -> Options:
 
 
 def regimes_study() -> StudyConfig:
-    """When which method is worth having: at equal expert-seconds and equal steps of training.
+    """When each method is worth having, at equal expert-seconds and equal steps of training.
 
     The data begin in the settled gait, as on a robot that nobody perturbs, or in the paper's
-    perturbed states; the expert may compute for 20 or for 80 s (MPC solves x 0.05 s). Cloning is
-    trained twice for each seed of the data.
+    perturbed states; the expert may compute for 20 or for 80 s (MPC solves x 0.05 s). Behavior
+    cloning trains two policies on the data of each seed.
     """
     return StudyConfig(
         name="regimes",
@@ -172,7 +172,7 @@ def regimes_study() -> StudyConfig:
 
 
 def regimes(budgets: tuple[int, ...]) -> tuple[Setting, ...]:
-    """What data begin with, and how long the expert may compute.
+    """The settings: what the data begin with, and how long the expert may compute.
 
     Args:
         budgets: Seconds of the expert.
@@ -213,7 +213,7 @@ def pushed_once(impulse: float, mass: float = 1.0) -> Measurement:
 
 
 def _regime_techniques() -> tuple[Technique, ...]:
-    """The arms of the regimes."""
+    """The techniques of the study `regimes`."""
     cloning = "behavior_cloning"
     gated = "loco_safe_dagger"
     return (
@@ -253,7 +253,7 @@ LAYOUTS: dict[LayoutName, str] = {
     "proprioceptive": "what a robot measures",
     "full_history": "full state and history",
 }
-"""Layouts of the observation, with what tables call them."""
+"""Layouts of the observation, with their names in tables."""
 MASSES = {"solo12": 1.0, "go2": 6.434}
 """The robots of the studies of what a policy sees, with their masses as multiples of Solo12's."""
 ONBOARD: Options = {
@@ -267,7 +267,7 @@ ONBOARD: Options = {
 
 
 def sensors_study(robot: str) -> StudyConfig:
-    """What a policy loses, or gains, that sees only what a robot measures.
+    """What a policy that sees only what a robot measures loses or gains.
 
     Args:
         robot: A robot of `MASSES`.

@@ -1,10 +1,10 @@
 """The studies that come with the package, by name.
 
 `paper` repeats the experiment of *Safe Learning of Locomotion Skills from MPC* (IV, V): its preset,
-its simulator, its techniques, three seeds. `regimes` asks when which method is worth having: what
-the data begin with, and how many seconds of the expert there are; `options` asks what two options
-of its best methods are worth. `sensors` and `sensors-go2` ask what a policy loses, or gains, that
-sees only what a robot measures. `smoke` takes the same path as these in a minute or two. The
+its simulator, its techniques, three seeds. `regimes` asks when each method is worth having, given
+what the data begin with and how many seconds of the expert there are; `options` asks what two
+options of its best methods are worth. `sensors` and `sensors-go2` ask what a policy that sees only
+what a robot measures loses or gains. `smoke` runs the same code as these in a minute or two. The
 studies with a small budget are in `config.small_studies` and `config.options_study`.
 """
 
@@ -89,13 +89,13 @@ def paper_study() -> StudyConfig:
 
 
 def _loco_dagger(alpha: float) -> Technique:
-    """LocoDAGGER with a decay of the expert's influence."""
+    """LocoDAGGER with a given decay of the expert's influence."""
     options: Options = {"method.alpha": alpha}
     return Technique(f"loco_dagger-{alpha}", f"LocoDAGGER {alpha}", "loco_dagger", "paper", options)
 
 
 def smoke_study() -> StudyConfig:
-    """A study that takes the path of a large one in a minute or two, to see that it works.
+    """A study that runs the code of a large one in a minute or two, to see that it works.
 
     Its policies are too small to walk; its numbers mean nothing.
     """

@@ -3,8 +3,8 @@
 A study crosses techniques with settings and seeds; each combination is a cell, which is a training
 run. A technique is a method with a preset and options, a setting is a set of options that holds for
 all techniques, and an option is a dotted name of the configuration, as on the command line. The
-predictions and the comparisons stand in the study before it runs. Read `config.studies` for the
-studies that come with the package, `surefoot.study` for what runs them.
+predictions and the comparisons are written into the study before it runs. Read `config.studies` for
+the studies that come with the package, and `surefoot.study` for the code that runs them.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ Options = Mapping[str, Scalar | tuple[Scalar, ...] | None]
 Prediction = Literal["better", "worse", "equal", "none"]
 """How a technique is expected to compare with another one."""
 Measure = Literal["robustness", "impulse", "imitation"]
-"""What a measurement gives: how many episodes succeed and how well they track; the impulse that is
-withstood; the deviation from the expert's targets in states that the expert visits."""
+"""What is measured: how many episodes succeed and how well they track; the impulse that robots
+withstand; the deviation from the expert's targets in states that the expert visits."""
 EXPERT = "expert"
 """The technique that is the expert itself: it is measured, but there is nothing to train."""
 RESERVED = (
@@ -323,7 +323,7 @@ def _part(kind: str, name: str, parts: Mapping[str, Part]) -> Part:
 
 
 def _check_name(field_name: str, name: str) -> None:
-    """Check that a name can be that of a folder on any file system, and a part of a job's name.
+    """Check that a name can be used for a folder on any file system, and in the name of a job.
 
     Raises:
         ValueError: It cannot.
