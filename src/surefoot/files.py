@@ -63,7 +63,7 @@ def writing(path: Path | str) -> Iterator[None]:
 
 
 def check_output(path: Path, *, suffixes: tuple[str, ...] = ()) -> None:
-    """Check that `write_atomic` could write a file, before the work whose results it is to hold.
+    """Check that `write_atomic` could write a file, before the work whose results go into it.
 
     No file or folder is left behind. Links, devices and pipes are allowed, since `write_atomic`
     writes to what they stand for; a device or a pipe has no format, so any name will do.

@@ -2,7 +2,7 @@
 
 The result of a chunk depends on its argument alone, not on the number of workers. Few chunks are in
 progress at a time, and results are handed over as they arrive, so memory does not grow with their
-number. A chunk whose worker dies is run again. Read `rollouts.jobs` next for what is run.
+number. A chunk whose worker dies is run again. Read `rollouts.jobs` next for the work that is run.
 """
 
 from __future__ import annotations

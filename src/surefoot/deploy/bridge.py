@@ -2,8 +2,8 @@
 
 It runs in the driver's own environment and needs Python 3.8 or later, and `protocol.py` in the same
 folder; copy both files. The bridge damps the joints until a first command comes. It damps them
-again, for the rest of the session, once the commands stop, answer states that are too old or are
-broken, or the runtime asks for it (`Bridge` says what ends a session). A driver's fault latches for
+again, for the rest of the session, once the commands stop, are broken or answer states that are too
+old, or the runtime requests it (`Bridge` says what ends a session). A driver's fault latches for
 good. Read `protocol` first.
 
     serve(Bridge(MyDriver(), UdpChannel(), description))
@@ -321,7 +321,7 @@ class Bridge:
         """Latch if the commands have stopped, or answer states that are too old."""
         if self.status != protocol.DRIVING:
             return
-        next_tick = now + round(1e9 / self.description.rate_hz)  # latching then is too late
+        next_tick = now + round(1e9 / self.description.rate_hz)  # too late to latch
         if next_tick - self._commanded_at > self.description.command_timeout * 1e9:
             self._latch(protocol.SILENCE)
         elif next_tick - self._answered > self.description.command_age * 1e9:

@@ -204,7 +204,7 @@ class Runtime:
         self._record(sensors, command, velocity, (begun, measured))
 
     def _wrong(self, sensors: Sensors, wish: Wish) -> tuple[FaultKind, str] | None:
-        """The first fault that a measurement or the operator gives reason for; None if none."""
+        """The first fault of measurement, operator or deadlines; None if all is well."""
         wrong = self._tests.broken(sensors)
         if wrong is not None:
             return wrong
@@ -218,7 +218,7 @@ class Runtime:
         return late or self._tests.unsafe(sensors)
 
     def _late(self) -> tuple[FaultKind, str] | None:
-        """The fault that too many ticks in a row had no command in time; None if they had."""
+        """The fault of too many ticks in a row without a command in time; None if there is none."""
         if self.deadlines.in_a_row < self.config.missed_deadlines:
             return None
         return "missed deadlines", (

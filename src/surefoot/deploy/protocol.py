@@ -2,7 +2,7 @@
 
 A datagram is a header, a body whose size depends on its kind, and the CRC-32 of both. The header
 has the protocol and its version, the kind, the robot, the session, the sequence number, the
-sender's clock, and the clock of the datagram that it answers. One wrong bit, and it is refused.
+sender's clock, and the clock of the datagram that it answers. One with a wrong bit is refused.
 
 The runtime says HELLO; the bridge answers with its DESCRIPTION and the number of a new session,
 which every COMMAND and DAMP must carry, and sends a STATE every tick. The module needs only the

@@ -27,9 +27,9 @@ def take_real_time_priority(priority: int = PRIORITY) -> None:
     """Ask the system to run this thread before all threads that are not in real time.
 
     What this process has touched stays in memory from then on. Otherwise, code and data that are
-    not used for seconds, such as those for leaving a gate, may be dropped, and reading them again
-    takes many ticks. Without the permissions (CAP_SYS_NICE, CAP_IPC_LOCK), or on a system other
-    than Linux, it warns.
+    not used for seconds, such as those for states outside a gate, may be dropped, and reading them
+    again takes many ticks. Without the permissions (CAP_SYS_NICE, CAP_IPC_LOCK), or on a system
+    other than Linux, it warns.
 
     Args:
         priority: Its priority; a larger one runs first.
@@ -46,7 +46,7 @@ def take_real_time_priority(priority: int = PRIORITY) -> None:
 
 @contextmanager
 def beside_real_time() -> Iterator[None]:
-    """A context that gives this thread the next lower priority than a real-time thread has.
+    """A context in which this thread runs in real time too, one priority below the default.
 
     Both take turns under Python's lock: if the system made this thread wait while it has the lock,
     the real-time thread would wait with it, whatever its priority.

@@ -39,7 +39,7 @@ class Flight:
         robot_time_ns: ``(n,)`` the robot's clock in the measurement [ns].
         mode: ``(n,)`` 0 damped, 1 standing up, 2 driven.
         expert_drove: ``(n,)`` True where the expert drove.
-        command: ``(n, 3)`` vx, vy [m/s], yaw rate [rad/s] asked for.
+        command: ``(n, 3)`` commanded vx, vy [m/s], yaw rate [rad/s].
         joint_position: ``(n, 12)`` measured angles [rad].
         joint_velocity: ``(n, 12)`` measured rates [rad/s].
         joint_torque: ``(n, 12)`` measured torques [N m].
@@ -118,7 +118,7 @@ class TickRecord(NamedTuple):
         time_ns: The runtime's clock when the tick began [ns].
         mode: 0 damped, 1 standing up, 2 driven.
         expert_drove: Whether the expert drove.
-        command: The velocity asked for.
+        command: The commanded velocity.
         gait_tick: The gait clock [ms]; -1 where the robot is not driven.
         work_us: From the measurement to the written command [us].
         round_trip_us: From a command to the state that answers it [us].
