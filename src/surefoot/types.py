@@ -225,6 +225,9 @@ def lowered(state: State, by: Array) -> State:
 class MotionPlan:
     """A plan as arrays, one row for each tick, row 0 at the tick at which the plan was made.
 
+    A simulated expert holds the last row of a shorter plan. On a robot, where plans arrive late,
+    the end of a plan is a fault: give 100 rows or more.
+
     Attributes:
         joint_position: ``(100, 12)`` reference joint angles [rad].
         joint_velocity: ``(100, 12)`` reference joint rates [rad/s].

@@ -81,7 +81,7 @@ def shortened(
 
     Args:
         push: The settings; those that are not given below are kept.
-        speeds: The number of forward speeds, each at ten phases of the gait.
+        speeds: The number of forward speeds, each at all phases of the gait.
         directions: The number of directions.
         resolution: The distance between two levels [N s]; the strongest push stays about the same.
 

@@ -184,7 +184,7 @@ class TwinDriver:
 
 
 def damping_of(robot: RobotModel) -> float:
-    """The joint damping of a latched robot [N m s/rad].
+    """The joint damping of a robot whose bridge is latched or idle [N m s/rad].
 
     It is the smallest torque limit over 13.5, per rad/s: 0.2 for Solo12, as in ODRI's driver, and
     1.76 for Go2, where Unitree's examples use 3.
