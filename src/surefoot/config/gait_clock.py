@@ -2,8 +2,8 @@
 
 Time is in ticks of 1 ms. All gaits share one clock, and the phase of each follows from its own
 period. The module needs only NumPy, so that planner, rollouts, viewer and the loop on the robot
-share one rule for when a gait begins. Read `mpc.schedule` for the horizon of a plan, and `scenarios.gait_switches` for
-episodes.
+share one rule for when a gait begins. Read `mpc.schedule` for the horizon of a plan, and
+`scenarios.gait_switches` for episodes.
 """
 
 from __future__ import annotations

@@ -171,7 +171,7 @@ class PolicyDescription:
         if not isinstance(self.provenance, Mapping):
             raise ValueError("provenance must be an object with keys")
         if min(self.kp) <= 0.0 or min(self.kd) < 0.0 or min(self.torque_limit) <= 0.0:
-            raise ValueError("kp, kd and torque_limit must be positive")
+            raise ValueError("kp and torque_limit must be positive, and kd not negative")
 
     @property
     def spec(self) -> ObservationSpec:

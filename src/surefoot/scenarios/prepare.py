@@ -3,8 +3,8 @@
 The order is: the command gains (`gains`), the settled gait at commands all over the box, the safety
 bounds that it stays within, and initial states in four splits (`make`). All of it is one file, kept
 below the user's caches under a SHA-256 of what it depends on (`keys`), and written whole or not at
-all. It takes up to two minutes; an interrupted preparation begins again, but keeps the gains that it has
-measured. A run keeps a copy. Commands, runs and studies call `completed`.
+all. It takes up to two minutes; an interrupted preparation begins again, but keeps the gains that
+it has measured. A run keeps a copy. Commands, runs and studies call `completed`.
 """
 
 from __future__ import annotations
