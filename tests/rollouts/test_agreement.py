@@ -76,7 +76,9 @@ def test_a_gait_that_the_expert_does_not_know_is_refused():
     with pytest.raises(ValueError, match="gait number 1, but the expert knows 1"):
         rollout(FakeSimulator(2), episodes, ExpertOnly(), OfGaits("trot"))
     rollout(FakeSimulator(2), episodes, ExpertOnly(), OfGaits("trot", "walk"))
-    switching = Episodes(starts, 0.01, switches=GaitSwitches([[5], [6]], [[0], [3]]))
+    switching = Episodes(
+        starts, 0.01, switches=GaitSwitches(np.array([[5], [6]]), np.array([[0], [3]]))
+    )
     with pytest.raises(ValueError, match="gait number 3, but the expert knows 2"):
         rollout(FakeSimulator(2), switching, ExpertOnly(), OfGaits("trot", "walk"))
 
@@ -105,7 +107,8 @@ def test_torques_of_an_expert_are_not_broadcast(shape, ask_always):
 
 def test_torques_may_be_nested_lists():
     episodes = Episodes(starts_of([0], [[0.1, 0, 0]]), 0.01)
-    given = rollout(FakeSimulator(1), episodes, ExpertOnly(), Answering([[0.5] * 12]))
+    listed = Answering([[0.5] * 12])
+    given = rollout(FakeSimulator(1), episodes, ExpertOnly(), listed)  # pyright: ignore
     assert (given.torque == 0.5).all()
 
 

@@ -197,7 +197,7 @@ def test_a_disturbance_that_cannot_be_is_refused(fields, message):
 
 
 def test_a_disturbance_knows_for_how_many_robots_it_is():
-    assert type(Disturbance(delay=np.int64(3)).delay) is int
+    assert type(Disturbance(delay=np.int64(3)).delay) is int  # pyright: ignore
     assert Disturbance().batch is None and Disturbance(delay=3).batch is None
     assert Disturbance(friction=np.ones(4)).batch == 4
     assert Disturbance(pushes=ONE_PUSH).batch == 1

@@ -158,3 +158,10 @@ def test_switches_that_contradict_themselves_are_refused(elapsed, gait, words):
 def test_a_switch_to_no_gait_is_refused():
     with pytest.raises(ValueError, match="a switch to gait number -1; use 0 or more"):
         GaitSwitches(np.array([[10, 20]]), np.array([[1, -1]]))
+
+
+def test_switches_may_be_lists_of_whole_numbers():
+    switches = GaitSwitches([[5, 9]], [[1, 0]])  # pyright: ignore
+    assert switches.elapsed.dtype == switches.gait.dtype == np.int64
+    with pytest.raises(ValueError, match="elapsed is float64; use whole numbers"):
+        GaitSwitches([[5.5]], [[1]])  # pyright: ignore
