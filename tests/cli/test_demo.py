@@ -37,7 +37,7 @@ def test_it_trains_measures_and_films(steps, capsys):
     assert done[1][1][0] == "a" and done[2][1] == Path("a")
     command = parse_train(train)
     assert (command.method, command.preset, command.run) == ("loco_safe_dagger", "quick", Path("a"))
-    assert command.resume and command.workers == 2
+    assert command.workers == 2 and not command.resume  # nothing is there to resume yet
     printed = capsys.readouterr().out
     assert "surefoot play a --vx 0.3" in printed
 

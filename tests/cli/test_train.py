@@ -166,10 +166,12 @@ def test_a_folder_that_cannot_be_made_is_refused_before_any_work(surefoot, capsy
 
 
 def test_a_run_that_is_not_there_begins_and_that_is_said(surefoot, capsys, tmp_path, monkeypatch):
-    monkeypatch.setattr("surefoot.runs.run.create", lambda *_: pytest.skip("begun"))
+    def create(*_):
+        raise RuntimeError("begun")
+
+    monkeypatch.setattr("surefoot.runs.run.create", create)
     folder = tmp_path / "mistyped"
-    with pytest.raises(pytest.skip.Exception, match="begun"):
-        surefoot("train", "dagger", "--run", folder, "--resume")
+    assert surefoot("train", "dagger", "--run", folder, "--resume") == 2
     assert f"there is no run in {folder} to resume: it begins now" in capsys.readouterr().err
 
 

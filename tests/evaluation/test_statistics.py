@@ -322,4 +322,4 @@ def test_unpaired_difference_as_published(a, n_a, b, n_b, low, high):
 
 
 def test_the_quantile_of_the_normal_distribution_is_that_of_scipy():
-    assert norm.ppf(0.975) == Z
+    assert pytest.approx(norm.ppf(0.975), rel=1e-15) == Z

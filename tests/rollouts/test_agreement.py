@@ -137,5 +137,17 @@ def test_whole_numbers_may_be_lists_and_of_any_type():
 def test_ids_are_whole_numbers_from_zero_on():
     starts = starts_of([0, 0], [[0.1, 0, 0], [0.2, 0, 0]])
     assert Episodes(starts, 0.01, id=range(2))[np.array([1])].ids.tolist() == [1]  # pyright: ignore
-    with pytest.raises(ValueError, match="an id of -1; use 0 or more"):
-        Episodes(starts, 0.01, id=np.array([-1, 0]))
+    for wrong in (np.array([-1, 0]), np.array([0, 2**63], np.uint64)):
+        with pytest.raises(ValueError, match="use 0 to 9223372036854775807, or leave them out"):
+            Episodes(starts, 0.01, id=wrong)  # pyright: ignore
+
+
+def test_attributes_of_ones_own_may_mean_something_else():
+    simulator = FakeSimulator(2)
+    simulator.ground = "plane.urdf"  # pyright: ignore
+    expert = FakeController()
+    expert.gaits = None  # pyright: ignore
+    episodes = Episodes(STARTS, 0.01)
+    rollout(simulator, episodes, ExpertOnly(), expert)
+    above = replace(episodes, ground=ground_at(-0.2))
+    rollout(simulator, above, ExpertOnly(), expert)

@@ -384,7 +384,9 @@ def test_seeds_differ_by_stage_iteration_and_root_and_by_nothing_else(tmp_path):
 
 def test_best_policy_is_known_once_the_run_is_finished(tmp_path):
     run = create(tmp_path / "run", CONFIG)
-    with pytest.raises(RunError, match=r"not finished.*the command that began it and --resume"):
+    with pytest.raises(
+        RunError, match=r"not finished. Repeat the command that began it .*--resume"
+    ):
         _ = run.best_policy_path
     run.append_metrics(Best(best_iteration=2))
     assert run.best_policy_path == run.policy_path(2)

@@ -163,5 +163,8 @@ def test_a_switch_to_no_gait_is_refused():
 def test_switches_may_be_lists_of_whole_numbers():
     switches = GaitSwitches([[5, 9]], [[1, 0]])  # pyright: ignore
     assert switches.elapsed.dtype == switches.gait.dtype == np.int64
+    assert len(GaitSwitches([[], []], [[], []])) == 2  # pyright: ignore
+    with pytest.raises(ValueError, match="sort each row"):
+        GaitSwitches(np.array([[9, 5]], np.uint8), np.zeros((1, 2), np.uint8))  # pyright: ignore
     with pytest.raises(ValueError, match="elapsed is float64; use whole numbers"):
         GaitSwitches([[5.5]], [[1]])  # pyright: ignore

@@ -10,6 +10,7 @@ from surefoot.cli.evaluate import parse_evaluate
 from surefoot.cli.options import OnRobot, OnWorkers
 from surefoot.cli.play import Play
 from surefoot.cli.train import parse_train
+from surefoot.runs.layout import CONFIG_FILE
 
 RUN = Path("runs/demo")
 """The folder of the demo's run; that of another robot has its name at the end."""
@@ -35,7 +36,9 @@ class Demo(OnRobot, OnWorkers):
         if self.ray_address is not None:
             spread += ["--ray-address", self.ray_address]
         robot = [] if self.robot is None else ["--robot", self.robot]
-        train = ["loco_safe_dagger", "--preset", "quick", "--run", str(folder), "--resume"]
+        train = ["loco_safe_dagger", "--preset", "quick", "--run", str(folder)]
+        if (folder / CONFIG_FILE).exists():
+            train.append("--resume")
         print("1 of 3: train a policy (surefoot train)", flush=True)
         status = parse_train([*train, *robot, *spread])()
         if status:

@@ -140,7 +140,7 @@ def report_of(prepared: Prepared, config: Config) -> PrepareReport:
         prepared: What was prepared, or found.
         config: The configuration of one gait, whose given bounds stay.
     """
-    from surefoot.mpc.gaits import gait_name
+    from surefoot.config.gait_table import gait_name
     from surefoot.scenarios.prepare import with_preparation
 
     made = prepared.made

@@ -19,7 +19,7 @@ from surefoot.types import Controller
 
 def known_gaits(expert: Controller) -> tuple[Gait, ...]:
     """The gaits that an expert walks, in the order of their numbers; empty if unknown."""
-    return expert.gaits if isinstance(expert, OfKnownGaits) else ()
+    return tuple(expert.gaits or ()) if isinstance(expert, OfKnownGaits) else ()
 
 
 def check_agreement(
@@ -56,8 +56,8 @@ def check_agreement(
 def _check_ground(simulator: Simulator, episodes: Episodes, robot: RobotModel) -> None:
     """Check that robots are on the ground that they are judged by, and begin on top of it."""
     ground = episodes.ground
-    if isinstance(simulator, OnGround):
-        laid = simulator.ground
+    laid = simulator.ground if isinstance(simulator, OnGround) else ground
+    if laid is None or isinstance(laid, Ground):  # your own simulator may mean something else
         if laid is not None and ground is None:
             raise ValueError(
                 "the simulator has ground, and the episodes have none, by which robots are judged; "
@@ -95,5 +95,5 @@ def _check_gaits(episodes: Episodes, known: int) -> None:
     if known and highest >= known:
         raise ValueError(
             f"robots are to walk gait number {highest}, but the expert knows {known}; use numbers "
-            f"from 0 to {known - 1}, or an expert of more gaits"
+            f"from 0 to {known - 1}, or an expert of more gaits, also where only the policy drives"
         )

@@ -146,8 +146,8 @@ class Run:
         best = self.best
         if best is None:
             raise RunError(
-                f"{self.folder} has no best policy: the run is not finished. Continue it with the "
-                "command that began it and --resume"
+                f"{self.folder} has no best policy: the run is not finished. Repeat the "
+                "command that began it (`surefoot train` with --resume)"
             )
         return self.policy_path(best.best_iteration)
 

@@ -50,16 +50,15 @@ class GaitSwitches:
                 f"gaits {np.shape(self.gait)} from the ticks {np.shape(self.elapsed)} on; give "
                 "both for each robot and switch"
             )
-        if (np.diff(self.elapsed, axis=1) < 0).any():
-            raise ValueError("switches of gait that are not in the order of time; sort each row")
-        if (np.asarray(self.gait) < 0).any():
-            raise ValueError(f"a switch to gait number {np.min(self.gait)}; use 0 or more")
-
         for name in ("elapsed", "gait"):
             values = np.asarray(getattr(self, name))
-            if values.dtype.kind not in "iu":
+            if values.size and values.dtype.kind not in "iu":
                 raise ValueError(f"switches of gait: {name} is {values.dtype}; use whole numbers")
             object.__setattr__(self, name, values.astype(np.int64, copy=False))
+        if (np.diff(self.elapsed, axis=1) < 0).any():
+            raise ValueError("switches of gait that are not in the order of time; sort each row")
+        if (self.gait < 0).any():
+            raise ValueError(f"a switch to gait number {self.gait.min()}; use 0 or more")
 
     def __len__(self) -> int:
         return len(self.elapsed)

@@ -94,5 +94,6 @@ def check_outside(ground: Ground, robot: RobotModel, q: Array, episode: IntArray
                 f"episode {episode[row]}: {link} is {100 * depth[worst]:.1f} cm deep in the ground "
                 f"({ground.terrains[row].kind}), at x {points[worst, 0]:.2f} m, y "
                 f"{points[worst, 1]:.2f} m; put the ground under the robots with "
-                "surefoot.scenarios.ground.put_under, or leave it out, and it is drawn"
+                "surefoot.scenarios.ground.put_under, or leave it out, and it is drawn; or raise "
+                "the initial states"
             )

@@ -133,9 +133,13 @@ def checked_ids(ids: ArrayLike, n: int) -> IntArray:
         raise ValueError(f"ids {array.shape} for {n} initial states; give one for each")
     if array.dtype.kind not in "iu":
         raise ValueError(f"ids are whole numbers, not {array.dtype}")
-    if (array < 0).any():
-        raise ValueError(f"an id of {array.min()}; use 0 or more")
-    return array.astype(np.int64, copy=False)
+    whole = array.astype(np.int64, copy=False)
+    if (whole < 0).any():
+        raise ValueError(
+            f"ids from {array.min()} to {array.max()}; use 0 to {np.iinfo(np.int64).max}, or leave "
+            "them out, and the episodes are numbered from 0"
+        )
+    return whole
 
 
 def with_whole_numbers(starts: Starts) -> Starts:

@@ -233,5 +233,8 @@ def last_policy(run: Run) -> Path:
     """
     trained = [record.iteration for record in run.metrics if isinstance(record, Trained)]
     if not trained:
-        raise RunError(f"{run.folder} has no policy yet; resume it with `surefoot train --resume`")
+        raise RunError(
+            f"{run.folder} has no policy yet; repeat the command that began it (`surefoot train` "
+            "with --resume)"
+        )
     return run.policy_path(max(trained))
