@@ -45,11 +45,11 @@ def settle_caches() -> None:
 def numba_folder() -> str | None:
     """The folder in which numba keeps compiled functions; None if it cannot write to any."""
     package = os.path.dirname(os.path.abspath(__file__))
-    rooms = [entry.path for entry in os.scandir(package) if entry.is_dir()]
+    folders = [entry.path for entry in os.scandir(package) if entry.is_dir()]
     given = os.environ.get(NUMBA)
     if given and can_be_written(given):
         return given
-    if all(can_be_written(os.path.join(room, "__pycache__")) for room in rooms):
+    if all(can_be_written(os.path.join(folder, "__pycache__")) for folder in folders):
         return package
     home = os.path.join(_below_home("XDG_CACHE_HOME", ".cache"), "numba")
     return home if can_be_written(home) else None

@@ -1,4 +1,4 @@
-"""The records and protocols that every room of the package agrees on.
+"""The records and protocols that every part of the package agrees on.
 
 Arrays follow Pinocchio's conventions: ``q = [x y z, qx qy qz qw, 12 joints]``, ``v = [base linear
 and angular velocity in the base frame, 12 joint rates]``; legs FL, FR, HL, HR; joints HAA, HFE, KFE

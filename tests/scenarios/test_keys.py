@@ -9,7 +9,7 @@ import pytest
 import surefoot
 from surefoot.config import Config, SimulationConfig
 from surefoot.robots.scaling import with_own_values
-from surefoot.scenarios.keys import MODULES, ROOMS, code_hash, ingredients_of
+from surefoot.scenarios.keys import FOLDERS, MODULES, code_hash, ingredients_of
 
 
 def test_the_terrain_has_no_part_in_what_is_prepared_on_the_plane():
@@ -22,8 +22,8 @@ def test_the_terrain_has_no_part_in_what_is_prepared_on_the_plane():
 
 @pytest.mark.parametrize("name", [*MODULES, "mpc/planner.py", "sim/new.py"])
 def test_the_hash_of_the_code_changes_with_each_module_that_decides(name, tmp_path, monkeypatch):
-    for room in (*ROOMS, "config"):
-        (tmp_path / room).mkdir()
+    for folder in (*FOLDERS, "config"):
+        (tmp_path / folder).mkdir()
     for each in (*MODULES, "files.py", "mpc/planner.py"):
         (tmp_path / each).write_text("")
     monkeypatch.setattr(surefoot, "__file__", str(tmp_path / "__init__.py"))
@@ -61,7 +61,7 @@ WITHOUT_PART = {
 
 def test_the_hash_covers_all_code_that_the_deciding_code_imports():
     package = Path(surefoot.__file__).parent
-    paths = [path for room in ROOMS for path in (package / room).glob("*.py")]
+    paths = [path for folder in FOLDERS for path in (package / folder).glob("*.py")]
     paths += [package / name for name in MODULES]
     imported = set()
     for path in paths:
@@ -73,7 +73,7 @@ def test_the_hash_covers_all_code_that_the_deciding_code_imports():
             elif isinstance(node, ast.Import):
                 imported |= {alias.name for alias in node.names}
     own = {name.removeprefix("surefoot").strip(".") for name in imported if is_ours(name)}
-    outside = {name for name in own if name.split(".")[0] not in ROOMS}
+    outside = {name for name in own if name.split(".")[0] not in FOLDERS}
     hashed = {name.removesuffix(".py").replace("/", ".") for name in MODULES}
     assert outside - hashed <= set(WITHOUT_PART)
     assert "config.gait_clock" in outside
@@ -88,12 +88,12 @@ def is_module(package: Path, name: str) -> bool:
 
 
 def test_more_folders_may_decide(tmp_path, monkeypatch):
-    for name in (*ROOMS, "config", "rollouts"):
+    for name in (*FOLDERS, "config", "rollouts"):
         (tmp_path / name).mkdir()
     for name in MODULES:
         (tmp_path / name).write_text("")
     monkeypatch.setattr(surefoot, "__file__", str(tmp_path / "__init__.py"))
-    before = code_hash(), code_hash((*ROOMS, "rollouts"))
+    before = code_hash(), code_hash((*FOLDERS, "rollouts"))
     (tmp_path / "rollouts" / "engine.py").write_text("# changed")
     assert code_hash() == before[0]
-    assert code_hash((*ROOMS, "rollouts")) != before[1]
+    assert code_hash((*FOLDERS, "rollouts")) != before[1]

@@ -26,12 +26,12 @@ PACKAGES = ("surefoot", "numpy", "pin", "numba")
 """Packages that affect what the expert does."""
 SIMULATORS = {"mujoco": "mujoco", "bullet": "pybullet"}
 """The package of each simulator."""
-ROOMS = ("mpc", "robots", "scenarios", "sim")
+FOLDERS = ("mpc", "robots", "scenarios", "sim")
 """Folders of the package whose code affects it too, which matters when somebody changes the code.
 """
 MODULES = ("rotations.py", "types.py", "config/commands.py", "config/gait_clock.py")
 """Modules outside these folders whose code does so."""
-MEASURING = (*ROOMS, "evaluation", "rollouts")
+MEASURING = (*FOLDERS, "evaluation", "rollouts")
 """Folders whose code affects the results of an evaluation of the expert."""
 
 
@@ -99,15 +99,15 @@ def key_of(*records: object) -> str:
     return hashlib.sha256(json.dumps([to_json(each) for each in records]).encode()).hexdigest()
 
 
-def code_hash(rooms: Sequence[str] = ROOMS) -> str:
+def code_hash(folders: Sequence[str] = FOLDERS) -> str:
     """SHA-256 of the package's code that affects how the expert walks.
 
     Args:
-        rooms: The folders of the package to include; `MODULES` are always included.
+        folders: The folders of the package to include; `MODULES` are always included.
     """
     sha = hashlib.sha256()
     package = Path(surefoot.__file__).parent
-    paths = [path for room in rooms for path in sorted((package / room).glob("*.py"))]
+    paths = [path for folder in folders for path in sorted((package / folder).glob("*.py"))]
     for path in (*paths, *(package / name for name in MODULES)):
         sha.update(path.name.encode())
         sha.update(path.read_bytes())
