@@ -1,6 +1,7 @@
 """Keys change with what decides the bits, and with nothing else."""
 
 import ast
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,9 +29,9 @@ def test_the_hash_of_the_code_changes_with_each_module_that_decides(name, tmp_pa
         (tmp_path / each).write_text("")
     monkeypatch.setattr(surefoot, "__file__", str(tmp_path / "__init__.py"))
     before = code_hash()
-    (tmp_path / "files.py").write_text("# has no part in it")
+    (tmp_path / "files.py").write_text("x = 1")
     assert code_hash() == before
-    (tmp_path / name).write_text("# changed")
+    (tmp_path / name).write_text("x = 1")
     assert code_hash() != before
 
 
@@ -94,6 +95,49 @@ def test_more_folders_may_decide(tmp_path, monkeypatch):
         (tmp_path / name).write_text("")
     monkeypatch.setattr(surefoot, "__file__", str(tmp_path / "__init__.py"))
     before = code_hash(), code_hash((*FOLDERS, "rollouts"))
-    (tmp_path / "rollouts" / "engine.py").write_text("# changed")
+    (tmp_path / "rollouts" / "engine.py").write_text("x = 1")
     assert code_hash() == before[0]
     assert code_hash((*FOLDERS, "rollouts")) != before[1]
+
+
+MODULE = '''"""A module."""
+
+N = 3
+"""A number."""
+
+
+def twice(x):
+    """Twice x."""
+    # It is a sum.
+    return x + x
+'''
+PROSE = '''"""A module that says
+
+more."""
+
+N = 3
+"""A number: three."""
+
+def twice(x):
+    """Return x twice."""
+
+
+    # A product would do.
+    # It is a sum.
+    return x + x
+'''
+
+
+def test_comments_and_docstrings_are_no_code(tmp_path, monkeypatch):
+    for name in (*FOLDERS, "config"):
+        (tmp_path / name).mkdir()
+    for name in MODULES:
+        (tmp_path / name).write_text("")
+    monkeypatch.setattr(surefoot, "__file__", str(tmp_path / "__init__.py"))
+    hashes = []
+    for number, text in enumerate([MODULE, PROSE, MODULE.replace("x + x", "2 * x")]):
+        path = tmp_path / FOLDERS[0] / "module.py"
+        path.write_text(text)
+        os.utime(path, ns=(number, number))
+        hashes.append(code_hash())
+    assert hashes[0] == hashes[1] != hashes[2]

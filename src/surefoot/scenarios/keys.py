@@ -6,10 +6,12 @@ different keys; what does not affect them, such as the method or the seed of a r
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -102,6 +104,8 @@ def key_of(*records: object) -> str:
 def code_hash(folders: Sequence[str] = FOLDERS) -> str:
     """SHA-256 of the package's code that affects how the expert walks.
 
+    Comments and docstrings do not count: what was prepared or measured outlives them.
+
     Args:
         folders: The folders of the package to include; `MODULES` are always included.
     """
@@ -110,8 +114,29 @@ def code_hash(folders: Sequence[str] = FOLDERS) -> str:
     paths = [path for folder in folders for path in sorted((package / folder).glob("*.py"))]
     for path in (*paths, *(package / name for name in MODULES)):
         sha.update(path.name.encode())
-        sha.update(path.read_bytes())
+        status = path.stat()
+        sha.update(_code_of(path, status.st_mtime_ns, status.st_size))
     return sha.hexdigest()
+
+
+@cache
+def _code_of(path: Path, changed: int, size: int) -> bytes:
+    """The lines of a module without docstrings, lines of comment and empty lines.
+
+    Args:
+        path: The module.
+        changed: When it was changed [ns], so that an edit is seen.
+        size: Its size [bytes], for the same reason.
+    """
+    del changed, size
+    text = path.read_text()
+    left_out = set[int]()
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            left_out.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+    lines = [line for n, line in enumerate(text.splitlines(), 1) if n not in left_out]
+    code = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    return "\n".join(code).encode()
 
 
 def _version(name: str) -> str:
