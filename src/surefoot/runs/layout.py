@@ -20,11 +20,12 @@ OTHER_STARTS_FILE = "starts-{number}.npz"
 """File of the copy of the initial states of any gait after the first one, by its number."""
 ROBOT_FILE = "robot.urdf"
 """File of the run's own copy of the description of a robot that does not come with the package."""
-COPIES = (
+STARTS_FILES = (
     STARTS_FILE,
     *(OTHER_STARTS_FILE.format(number=number) for number in range(1, MOST_GAITS)),
-    ROBOT_FILE,
 )
+"""All files of copies of initial states."""
+COPIES = (*STARTS_FILES, ROBOT_FILE)
 """All files that a run may copy when it begins, so that it needs no files elsewhere."""
 METRICS_FILE = "metrics.jsonl"
 """File of the metrics: one line for each stage that is done."""

@@ -24,10 +24,9 @@ from surefoot.config.study import EXPERT, Measurement, StudyConfig, measured_con
 from surefoot.evaluation.imitation import imitation_error
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.robustness import evaluate
-from surefoot.files import sha256_of, write_atomic
+from surefoot.files import sha256_of
 from surefoot.methods import METHODS
 from surefoot.runs.first_stage import copy_first_stage
-from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import StageRecord, Trained
 from surefoot.runs.run import config_for, create, open_run
 from surefoot.runs.stages import collect_data, train_policy
@@ -47,10 +46,10 @@ from surefoot.study.folder import (
     read_job,
     read_study,
     read_tests,
-    results_folder,
     run_config,
     run_folder,
     save_job,
+    save_policy,
     save_run,
     save_tests,
     shared_folder,
@@ -178,8 +177,7 @@ def train_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> 
     finally:
         save_run(folder, cell, run)
     if setup.study.keep_policies == "best_of_run":
-        kept = results_folder(folder, cell) / KEPT_POLICY_FILE
-        write_atomic(kept, run.best_policy_path.read_bytes())
+        save_policy(folder, cell, run)
 
 
 def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> None:
