@@ -18,6 +18,12 @@ from tests.deploy.test_handover import sensors
 from tests.fakes.bridge_world import TOY, ToyPolicy, World
 
 
+@pytest.fixture(autouse=True)
+def garbage(monkeypatch):
+    """To look for garbage in all that the tests have loaded takes a second for each drive."""
+    monkeypatch.setattr("surefoot.deploy.real_time.gc.collect", lambda: 0)
+
+
 def record(tick: int) -> TickRecord:
     return TickRecord(tick, 10 * tick, 2, tick % 2 == 0, Command(tick, 0.0, 0.5), 7, 1.5, 2.5, 1)
 

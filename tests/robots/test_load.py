@@ -47,6 +47,13 @@ def changed(tmp_path, edit, spec=GO2):
     return replace(spec, urdf=str(file))
 
 
+def test_a_description_that_has_changed_is_read_again(tmp_path):
+    spec = changed(tmp_path, lambda root: None)
+    before = load_robot(spec).mass
+    changed(tmp_path, lambda root: root.find("link[@name='base']//mass").set("value", "9.0"))
+    assert load_robot(spec).mass != before
+
+
 def joint_of_type(kind: str):
     """An edit that gives the left front knee of Go2 another type."""
     return lambda root: root.find("joint[@name='FL_calf_joint']").set("type", kind)

@@ -123,7 +123,7 @@ def test_the_key_changes_with_the_code_and_the_versions_of_the_planner(monkeypat
     with monkeypatch.context() as patch:
         patch.setattr("surefoot.scenarios.keys.code_hash", lambda: "other")
         assert key() != before
-    monkeypatch.setattr("surefoot.scenarios.keys.version", lambda name: "0")
+    monkeypatch.setattr("surefoot.scenarios.keys._version", lambda name: "0")
     assert key() != before
 
 

@@ -9,9 +9,11 @@ the studies that come with the package, and `surefoot.study` for the code that r
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Annotated, ClassVar, Literal, TypeVar
 
 from surefoot.config import METHODS, Config
@@ -306,9 +308,22 @@ def with_options(config: Config, options: Options, where: str) -> Config:
             raise ValueError(f"{where}: {unknown('option', name, (path + key for key in section))}")
         section[last] = value
     try:
-        return from_json(Config, values)
+        return _config_of(json.dumps(values))
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
+
+
+@lru_cache(maxsize=1024)
+def _config_of(text: str) -> Config:
+    """The configuration of a JSON text: whoever reads a study checks the same ones again.
+
+    Args:
+        text: The text.
+
+    Raises:
+        ValueError: An option does not exist, or its value is out of range.
+    """
+    return from_json(Config, json.loads(text))
 
 
 def _part(kind: str, name: str, parts: Mapping[str, Part]) -> Part:

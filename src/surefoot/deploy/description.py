@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -173,7 +174,7 @@ class PolicyDescription:
         if min(self.kp) <= 0.0 or min(self.kd) < 0.0 or min(self.torque_limit) <= 0.0:
             raise ValueError("kp and torque_limit must be positive, and kd not negative")
 
-    @property
+    @cached_property
     def spec(self) -> ObservationSpec:
         """The same layout, in the form that the rest of the package uses.
 

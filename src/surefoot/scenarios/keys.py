@@ -139,6 +139,7 @@ def _code_of(path: Path, changed: int, size: int) -> bytes:
     return "\n".join(code).encode()
 
 
+@cache
 def _version(name: str) -> str:
     """The version of a package; empty if it is not installed."""
     try:

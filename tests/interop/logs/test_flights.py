@@ -87,7 +87,7 @@ def test_a_right_flight_agrees(path, total, expert, unseen, rows):
 
 
 def test_of_a_flight_that_begins_with_an_episode_all_rows_are_judged(path):
-    log = flown(path, 300)
+    log = flown(path, 90)
     assert log.joint_target is not None
     log.joint_target[10] += 0.1
     found = check_log(log, read_export(path)).findings[0]
