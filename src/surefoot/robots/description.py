@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from xml.etree import ElementTree
@@ -98,7 +99,13 @@ def read_description(spec: RobotSpec) -> Description:
         ImportError: The package ``example-robot-data`` is missing.
     """
     path = find_urdf(spec)
-    root = read_urdf(path)
+    return _description(path, _content(path))
+
+
+@lru_cache(maxsize=16)
+def _description(path: Path, content: bytes) -> Description:
+    """The description in the content of a file, which a run reads again at every stage."""
+    root = _elements(path, content)
     # This is before Pinocchio, which takes numbers that it cannot read as zeros.
     inertias = {}
     # Children of the robot only: elements of the same names in <gazebo> are not Pinocchio's.
@@ -129,10 +136,27 @@ def read_urdf(path: Path) -> ElementTree.Element:
     Raises:
         ValueError: The file is too large, or no URDF.
     """
+    return _elements(path, _content(path))
+
+
+def _content(path: Path) -> bytes:
+    """The content of a URDF.
+
+    Raises:
+        ValueError: The file is too large.
+    """
     size = path.stat().st_size
     if size > MOST_BYTES:
         raise ValueError(f"{path} has {size} bytes; a URDF has at most {MOST_BYTES}")
-    content = read_file(path)
+    return read_file(path)
+
+
+def _elements(path: Path, content: bytes) -> ElementTree.Element:
+    """The elements in the content of a URDF.
+
+    Raises:
+        ValueError: It is no URDF.
+    """
     try:
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # of unknown encodings too
