@@ -22,6 +22,7 @@ from tests.fakes.toy_runs import CONFIG, SMALL_METHODS, replayed, run_method
 pytestmark = pytest.mark.usefixtures("toys")
 
 NAMES = ["behavior_cloning", "loco_dagger", "loco_safe_dagger", "dagger", "safe_dagger", "dart"]
+"""First a method without iterations, one that asks queries, and one with gates of both kinds."""
 
 
 def remembering(name, **changes):

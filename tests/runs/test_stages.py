@@ -127,6 +127,7 @@ def test_chunks_that_are_done_are_not_run_again(finished, tmp_path, monkeypatch)
     assert fingerprint(run) == fingerprint(finished)
 
 
+@pytest.mark.thorough  # `test_budget.py` has it in one process
 def test_a_budget_ends_at_the_same_rollout_for_any_number_of_processes(tmp_path):
     """Seven rollouts of two solves each, of 0.75 s; the first chunk has six."""
     records = []
