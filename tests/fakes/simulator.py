@@ -163,7 +163,7 @@ class FakeSimulator:
         self._bad_numbers |= rows & ~self._finite()
 
     def _finite(self) -> BoolArray:
-        return np.all(np.isfinite(np.hstack([self.q, self.v])), axis=1)
+        return np.isfinite(self.q).all(axis=1) & np.isfinite(self.v).all(axis=1)
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
         mask_copy = None if mask is None else mask.copy()
@@ -193,9 +193,10 @@ class FakeSimulator:
 
     @property
     def blown_up(self) -> BoolArray:
-        late = [self.ticks[robot] >= self.lost.get(robot, NEVER) for robot in range(self.batch)]
         flags = self._bad_numbers.copy()
-        flags |= late
+        for robot, tick in self.lost.items():
+            if robot < self.batch:
+                flags[robot] |= self.ticks[robot] >= tick
         return flags
 
     @property

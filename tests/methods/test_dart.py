@@ -136,6 +136,7 @@ def test_the_pretraining_is_without_noise(runs):
     assert replace(collected(runs("dart"), 0), seconds=same.seconds) == same
 
 
+@pytest.mark.thorough  # of all methods, this is the one that is killed in `test_all_methods.py`
 def test_a_run_of_dart_again_has_the_same_noise(runs, tmp_path):
     again = run_method(tmp_path, replace(CONFIG, method=METHODS["dart"]))
     assert again.dataset.hash == runs("dart").dataset.hash
