@@ -11,9 +11,10 @@ import shutil
 import textwrap
 from collections.abc import Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import cache
 from inspect import cleandoc, getsource
 from itertools import pairwise
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import tyro
 from tyro.constructors import (
@@ -23,7 +24,7 @@ from tyro.constructors import (
     StructTypeInfo,
 )
 
-from surefoot.cli.arguments import sort_arguments
+from surefoot.cli.arguments import field_types, sort_arguments
 
 CommandKind = TypeVar("CommandKind")
 
@@ -81,6 +82,7 @@ def filled(text: str, width: int) -> str:
     )
 
 
+@cache
 def field_docstrings(kind: type) -> dict[str, str]:
     """The docstring of each field of a dataclass on one line, those of its bases included.
 
@@ -110,7 +112,7 @@ def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
     kind = info.type
     if not (isinstance(kind, type) and is_dataclass(kind)):
         return None
-    hints = get_type_hints(kind, include_extras=True)
+    hints = field_types(kind)
     docs = field_docstrings(kind)
     return StructConstructorSpec(
         instantiate=kind,
