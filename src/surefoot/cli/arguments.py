@@ -17,6 +17,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import tyro
 
+from surefoot.config.checked import Annotation
+
 ANY_NUMBER = 1_000_000
 """The number of values of an option that takes as many as there are."""
 
@@ -132,7 +134,7 @@ def positional_choices(command: type) -> tuple[str, ...]:
     Args:
         command: Dataclass of the command.
     """
-    hints = field_types(command)
+    hints = _field_types(command)
     positional = [
         hints[field.name] for field in fields(command) if _is_positional(hints[field.name])
     ]
@@ -142,12 +144,8 @@ def positional_choices(command: type) -> tuple[str, ...]:
 
 
 @cache
-def field_types(kind: type) -> Mapping[str, Any]:
-    """The types of a dataclass's fields by their names, with what their annotations say of them.
-
-    Args:
-        kind: The dataclass.
-    """
+def _field_types(kind: type) -> Mapping[str, Annotation]:
+    """The types of a dataclass's fields by their names, with what their annotations say of them."""
     return get_type_hints(kind, include_extras=True)
 
 
@@ -170,7 +168,7 @@ def _options_of_group(group: type, prefix: str) -> Iterator[tuple[str, Any, bool
         group: Dataclass whose fields are options.
         prefix: Dotted name of the group, with a dot at the end; empty for the command.
     """
-    hints = field_types(group)
+    hints = _field_types(group)
     for field in fields(group):
         hint = hints[field.name]
         if _is_positional(hint):
