@@ -80,8 +80,8 @@ def test_a_film_that_was_asked_for_by_name_and_cannot_be_made_is_a_failure(
     assert surefoot("play", file) == 0
     assert surefoot("play", file, "--out", tmp_path / "flight.mp4") == 1
     monkeypatch.chdir(tmp_path)
-    assert surefoot("play", "--seconds", 2.0) == 0
-    assert surefoot("play", "--seconds", 2.0, "--out", "play.mp4") == 1
+    assert surefoot("play", "--seconds", 0.3) == 0
+    assert surefoot("play", "--seconds", 0.3, "--out", "play.mp4") == 1
 
 
 def test_an_episode_needs_the_run_that_recorded_it(surefoot, capsys):

@@ -8,13 +8,16 @@ folder. Next: `train`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from itertools import takewhile
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import tyro
+
+from surefoot.config.checked import Annotation
 
 ANY_NUMBER = 1_000_000
 """The number of values of an option that takes as many as there are."""
@@ -131,7 +134,7 @@ def positional_choices(command: type) -> tuple[str, ...]:
     Args:
         command: Dataclass of the command.
     """
-    hints = get_type_hints(command, include_extras=True)
+    hints = _field_types(command)
     positional = [
         hints[field.name] for field in fields(command) if _is_positional(hints[field.name])
     ]
@@ -140,17 +143,33 @@ def positional_choices(command: type) -> tuple[str, ...]:
     )
 
 
-def _options(command: type, prefix: str = "") -> Iterator[tuple[str, Any, bool]]:
+@cache
+def _field_types(kind: type) -> Mapping[str, Annotation]:
+    """The types of a dataclass's fields by their names, with what their annotations say of them."""
+    return get_type_hints(kind, include_extras=True)
+
+
+@cache
+def _options(command: type) -> tuple[tuple[str, Any, bool], ...]:
     """The name and the type of each option, and whether it may be None.
+
+    Args:
+        command: Dataclass whose fields are options.
+    """
+    return tuple(_options_of_group(command, ""))
+
+
+def _options_of_group(group: type, prefix: str) -> Iterator[tuple[str, Any, bool]]:
+    """The options of a command, or of a group of its options.
 
     An option comes once for each type that its value may have.
 
     Args:
-        command: Dataclass whose fields are options.
-        prefix: Dotted name of the group, with a dot at the end.
+        group: Dataclass whose fields are options.
+        prefix: Dotted name of the group, with a dot at the end; empty for the command.
     """
-    hints = get_type_hints(command, include_extras=True)
-    for field in fields(command):
+    hints = _field_types(group)
+    for field in fields(group):
         hint = hints[field.name]
         if _is_positional(hint):
             continue
@@ -162,7 +181,7 @@ def _options(command: type, prefix: str = "") -> Iterator[tuple[str, Any, bool]]
             if not (isinstance(kind, type) and is_dataclass(kind)):
                 yield f"--{prefix}{name}", kind, may_be_none
             elif not may_be_none:
-                yield from _options(kind, f"{prefix}{name}.")
+                yield from _options_of_group(kind, f"{prefix}{name}.")
 
 
 def _is_positional(hint: Any) -> bool:

@@ -9,8 +9,9 @@ from __future__ import annotations
 import ast
 import shutil
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import cache
 from inspect import cleandoc, getsource
 from itertools import pairwise
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
@@ -24,6 +25,7 @@ from tyro.constructors import (
 )
 
 from surefoot.cli.arguments import sort_arguments
+from surefoot.config.checked import Annotation
 
 CommandKind = TypeVar("CommandKind")
 
@@ -81,6 +83,7 @@ def filled(text: str, width: int) -> str:
     )
 
 
+@cache
 def field_docstrings(kind: type) -> dict[str, str]:
     """The docstring of each field of a dataclass on one line, those of its bases included.
 
@@ -110,7 +113,7 @@ def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
     kind = info.type
     if not (isinstance(kind, type) and is_dataclass(kind)):
         return None
-    hints = get_type_hints(kind, include_extras=True)
+    hints = _field_types(kind)
     docs = field_docstrings(kind)
     return StructConstructorSpec(
         instantiate=kind,
@@ -124,6 +127,12 @@ def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
             for field in fields(kind)
         ),
     )
+
+
+@cache
+def _field_types(kind: type) -> Mapping[str, Annotation]:
+    """The types of a dataclass's fields by their names, with what their annotations say of them."""
+    return get_type_hints(kind, include_extras=True)
 
 
 def _shown(hint: Any) -> Any:

@@ -20,7 +20,7 @@ from tests.fakes.runs import collected_record
 from tests.fakes.study_folders import paper_like, write_study
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def results(study_folder):
     return read_results(study_folder)
 
