@@ -23,8 +23,8 @@ from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.outcome import (
+    Falls,
     Outcome,
-    fallen,
     heights_of_swings,
     judged_from,
     never_standing,
@@ -100,7 +100,6 @@ def rollout(
     safety = _own_safety(safety, robot, gaits)
     T = to_ticks(episodes.duration)
     total = T + to_ticks(episodes.tail)
-    grace = to_ticks(safety.grace)
     simulator.vary(disturbance.friction, disturbance.mass)  # also undoes an earlier variation
     simulator.reset(starts.q, starts.v)
     expert.reset(B)
@@ -121,8 +120,7 @@ def rollout(
     recorder = _Recorder(total, B, apart, ask_always, uneven=felt_ground is not None)
     controllers = _Controllers(expert, policy, starts.command, robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
-    # The number of consecutive ticks in which something other than a foot touched the ground.
-    lying = np.zeros(B, dtype=np.int64) if safety.body_contact > 0.0 else None
+    falls = Falls(safety, B)
     # The torque applied is the one commanded `delay` ticks ago.
     line = deque[Array](maxlen=disturbance.delay + 1)
     noise = HeldNoise(disturbance.torque_noise) if disturbance.torque_noise else None
@@ -131,20 +129,15 @@ def rollout(
         if elapsed == 0 and episodes.ground is not None and episodes.ground.touching is not None:
             state = replace(state, contacts=episodes.ground.touching)
         touching = one_flag_each(simulator.body_contact, B, simulator)
-        # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
-        lost = one_flag_each(simulator.blown_up, B, simulator)
+        blown_up = one_flag_each(simulator.blown_up, B, simulator)
         felt = state
         if felt_ground is not None:
             felt_ground = ground_height(state, robot.foot_radius, felt_ground)
             felt = lowered(state, felt_ground)
             if recorder.felt_ground is not None and elapsed < total:
                 recorder.felt_ground[elapsed] = felt_ground
-        if lying is not None:
-            lying = np.where(touching, lying + 1, 0)
-        if elapsed >= grace:
-            lost = lost | fallen(felt, safety)
-            if lying is not None:
-                lost = lost | (lying >= to_ticks(safety.body_contact))
+        # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
+        lost = blown_up | falls.judge(felt, touching, elapsed)
         recorder.end(lost, Outcome.FELL, elapsed)
         if elapsed == total or not np.count_nonzero(recorder.active):
             break

@@ -147,5 +147,5 @@ def acceptable(
     return bool(
         feet.min(initial=np.inf) >= -config.max_penetration
         and rest.min() > 0.0
-        and not fallen(q[None, 2], q[None], safety)[0]
+        and not fallen(q[None], safety)[0]
     )
