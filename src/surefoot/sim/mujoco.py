@@ -20,6 +20,7 @@ from numba import njit
 
 from surefoot.config import SimulationConfig
 from surefoot.robots import rigid
+from surefoot.robots.canonical import BASE
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
 from surefoot.sim.mujoco_ground import FIELD, FLOOR, fields_of, ground_poses
@@ -239,7 +240,7 @@ class MujocoSimulator:
 
     def _apply(self, friction: Array, mass: Array, rows: BoolArray) -> None:
         """Write friction and mass factors into the models of the robots in ``rows``."""
-        base = self.model.body("base_link").id
+        base = self.model.body(BASE).id
         # MuJoCo takes the larger friction of two geoms, so all get the same.
         self.simulations.expand("geom_friction")[rows, :, 0] = friction[rows, None]
         masses = self.simulations.expand("body_mass")[:, base]
