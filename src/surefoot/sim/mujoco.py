@@ -25,7 +25,7 @@ from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
 from surefoot.sim.mujoco_ground import FIELD, FLOOR, fields_of, ground_poses
 from surefoot.sim.mujoco_model import COM, FEET, FOOT_FORCES, FORCE, GROUND, build_model
-from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
+from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, checked_variation
 from surefoot.sim.terrain import Ground, is_plane
 from surefoot.types import Array, BoolArray, State
 
@@ -229,14 +229,7 @@ class MujocoSimulator:
         """See ``Simulator``."""
         if friction is None and mass is None and self._variation is None:
             return
-        if friction is None:
-            friction = np.full(self.batch, self._nominal_friction)
-        if mass is None:
-            mass = np.ones(self.batch)
-        self._variation = (
-            check_positive("friction", friction, self.batch),
-            check_positive("mass", mass, self.batch),
-        )
+        self._variation = checked_variation(friction, mass, self.batch, self._nominal_friction)
 
     def _apply(self, friction: Array, mass: Array, rows: BoolArray) -> None:
         """Write friction and mass factors into the models of the robots in ``rows``."""
