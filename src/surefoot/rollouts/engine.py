@@ -8,7 +8,6 @@ ends, and `jobs` for many episodes.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 
@@ -16,12 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Gait, SafetyConfig
-from surefoot.robots.model import RobotModel, stop_speeding
+from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_height, own_safety
 from surefoot.rollouts.agreement import check_agreement, known_gaits
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.episodes import Episodes, Rollout
+from surefoot.rollouts.motors import Motors
 from surefoot.rollouts.outcome import (
     Falls,
     Outcome,
@@ -35,7 +35,6 @@ from surefoot.rollouts.roles import Remembering, in_several_gaits
 from surefoot.scenarios.disturbance import Disturbance
 from surefoot.scenarios.push import push
 from surefoot.scenarios.sensors import make_sensors
-from surefoot.scenarios.torque_noise import HeldNoise
 from surefoot.sim.protocol import Simulator
 from surefoot.types import (
     Array,
@@ -121,9 +120,7 @@ def rollout(
     controllers = _Controllers(expert, policy, starts.command, robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
     falls = Falls(safety, B)
-    # The torque applied is the one commanded `delay` ticks ago.
-    line = deque[Array](maxlen=disturbance.delay + 1)
-    noise = HeldNoise(disturbance.torque_noise) if disturbance.torque_noise else None
+    motors = Motors(robot, disturbance, episodes.late)
     for elapsed in range(total + 1):
         state = simulator.state
         if elapsed == 0 and episodes.ground is not None and episodes.ground.touching is not None:
@@ -156,16 +153,9 @@ def rollout(
         torque = controllers.torque(measured, shown, tick, choice, elapsed, recorder)
         if remembering is not None:  # whoever drove
             remembering.observe(measured, tick, torque)
-        if elapsed == 0:
-            line.extend(_before_the_first(episodes, disturbance.delay, torque))
-        line.append(torque)
         if disturbance.pushes is not None:
             push(simulator, disturbance.pushes, elapsed, recorder.active)
-        acting = line[0]
-        if noise is not None:
-            acting = clip_torque(acting + noise.at(elapsed), robot.torque_limit)
-        if robot.enforce_speed_limit:
-            acting = stop_speeding(acting, recorder.truth.v[elapsed][:, 6:], robot.speed_limit)
+        acting = motors.acting(torque, elapsed, recorder.truth.v[elapsed][:, 6:])
         simulator.step(acting, recorder.active)
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
@@ -352,14 +342,6 @@ class _Controllers:
                 f"the {who} gave torques {torque.shape} for {expected[0]} robots; give {expected}"
             )
         return torque
-
-
-def _before_the_first(episodes: Episodes, delay: int, first: Array) -> list[Array]:
-    """The torques ``(B, 12)`` that act before the first one commanded in the episodes, in order."""
-    if episodes.late is None:
-        return [first] * delay
-    torques = np.swapaxes(episodes.late, 0, 1)
-    return [np.where(np.isnan(torque), first, torque) for torque in torques]
 
 
 def _blank_states(ticks: int, batch: int) -> State:
