@@ -15,7 +15,7 @@ import numpy as np
 
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim.protocol import CONTACT_FORCE, check_positive
+from surefoot.sim.protocol import CONTACT_FORCE, checked_variation
 from surefoot.types import GRAVITY, Array, BoolArray, IntArray, State
 from tests.fakes.robots import ROBOT
 
@@ -141,17 +141,9 @@ class FakeSimulator:
     def vary(self, friction: Array | None, mass: Array | None) -> None:
         if friction is None and mass is None and self._variation is None:
             return
-        if friction is None:
-            friction = np.full(self.batch, NOMINAL_FRICTION)
-        if mass is None:
-            mass = np.ones(self.batch)
-        variation = (
-            check_positive("friction", friction, self.batch),
-            check_positive("mass", mass, self.batch),
-        )
+        self._variation = checked_variation(friction, mass, self.batch, NOMINAL_FRICTION)
         self.order.append("vary")
-        self.varied.append((friction.tolist(), mass.tolist()))
-        self._variation = variation
+        self.varied.append(tuple(values.tolist() for values in self._variation))
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         self.applied.append(torque.copy())

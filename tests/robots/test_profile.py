@@ -11,7 +11,7 @@ from surefoot.config.json_io import from_json, to_json
 from surefoot.config.profiles import ODRI
 from surefoot.robots.load import load_robot, with_profile
 from surefoot.robots.profile import (
-    beyond_position,
+    beyond_range,
     beyond_speed,
     load_profile,
     position_limits,
@@ -120,7 +120,7 @@ def test_ranges_and_speeds_are_judged_joint_by_joint():
     q = np.zeros((25, 19))
     q[1:13, 7:] = np.diag(position_limits(ODRI)[:, 1] + 1e-9)
     q[13:, 7:] = np.diag(position_limits(ODRI)[:, 0] - 1e-9)
-    assert beyond_position(ODRI, q).tolist() == [False] + [True] * 24
+    assert beyond_range(position_limits(ODRI), q).tolist() == [False] + [True] * 24
     v = np.zeros((3, 18))
     v[:, 9] = [80.0, 80.1, -80.1]
     v[:, 0] = 100.0  # the base is no joint

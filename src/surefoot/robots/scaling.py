@@ -216,12 +216,6 @@ def own_kinematic(kinematic: KinematicConfig, robot: RobotModel) -> KinematicCon
     return _filled(kinematic, momentum_weight=own.momentum_weight, base_height=own.base_height)
 
 
-def own_policy(policy: PolicyConfig, robot: RobotModel) -> PolicyConfig:
-    """Return a policy's configuration with the robot's own gains in place of None."""
-    own = own_values(robot)
-    return _filled(policy, kp=own.policy_kp, kd=own.policy_kd)
-
-
 def _filled(section: Section, **own: float | tuple[float, ...] | None) -> Section:
     """Return a part of a configuration with these values in its fields that are None."""
     missing = {name: value for name, value in own.items() if vars(section)[name] is None}
@@ -291,6 +285,7 @@ def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
 
 def _with_own(config: Config, robot: RobotModel) -> Config:
     """The same for a configuration of one gait."""
+    own = own_values(robot)
     gait = own_gait(config.gait, robot)
     expert = own_expert(with_rules(config).expert, robot, gait)
     if config.expert.command_gain is None and not is_solo12_trot(config):
@@ -306,7 +301,7 @@ def _with_own(config: Config, robot: RobotModel) -> Config:
         robot=_own_robot(config.robot, robot),
         gait=gait,
         expert=expert,
-        policy=own_policy(config.policy, robot),
+        policy=_filled(config.policy, kp=own.policy_kp, kd=own.policy_kd),
         safety=own_safety(config.safety, known(gait.com_height, "gait.com_height"), robot),
         start_set=start_set,
         collection=own_pushes(config.collection, robot, expert_drives=cloned),
