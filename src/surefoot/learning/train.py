@@ -169,8 +169,7 @@ def fit(
     if checkpoint is not None:
         platform = [torch.__version__, device_name(device), has_bfloat16(device)]
         past = [data.ticks_hash] if spec.remembers else []
-        images = [steps] if mirrored else []  # earlier versions took twice as many steps
-        parts = [data.hash, *past, *images, config, spec, epochs, seed, *platform]
+        parts = [data.hash, *past, config, spec, epochs, seed, *platform]
         key = _fingerprint(network, parts)
     network = copy.deepcopy(network).to(device)
     losses: Losses = []
