@@ -47,18 +47,13 @@ class ExportFile:
 
 
 def read_export(
-    path: Path | str,
-    robot: str | None = None,
-    joints: tuple[str, ...] | None = None,
-    layout: str | None = None,
+    path: Path | str, robot: str | None = None, layout: str | None = None
 ) -> ExportFile:
     """Read and check an exported file.
 
     Args:
         path: The file.
         robot: Name of the robot that it must be made for; None accepts any.
-        joints: ``(12,)`` names of the robot's joints, in the order in which it sends them; None is
-            the order of `JOINTS`.
         layout: Name of the layout that it must have; None accepts any.
 
     Raises:
@@ -87,7 +82,7 @@ def read_export(
     description = _description(path, content, metadata[KEY])
     try:
         _check_gaits(description)
-        _check_made_for(description, metadata, robot, joints, layout)
+        _check_made_for(description, metadata, robot, layout)
         if description.kind == "network":
             _check_sizes(description, content)
     except ValueError as error:
@@ -185,13 +180,9 @@ def _check_gaits(description: PolicyDescription) -> None:
 
 
 def _check_made_for(
-    description: PolicyDescription,
-    metadata: dict[str, str],
-    robot: str | None,
-    joints: tuple[str, ...] | None,
-    layout: str | None,
+    description: PolicyDescription, metadata: dict[str, str], robot: str | None, layout: str | None
 ) -> None:
-    """Check that a file was made for this robot, its joints and this layout.
+    """Check that a file was made for this robot, the order of `JOINTS` and this layout.
 
     Raises:
         ValueError: It was not.
@@ -201,22 +192,21 @@ def _check_made_for(
             f"is a policy of the robot {description.robot!r}, not of {robot!r}; export one that "
             f"was trained on {robot}"
         )
-    for order, owner in ((JOINTS, "this version of surefoot"), (joints, "the robot")):
-        if order is None or tuple(description.joints) == tuple(order):
-            continue
-        if sorted(description.joints) == sorted(order):
-            place = next(i for i in range(12) if description.joints[i] != order[i])
+    joints = description.joints
+    if joints != JOINTS:
+        if sorted(joints) == sorted(JOINTS):
+            place = next(i for i in range(12) if joints[i] != JOINTS[i])
             raise ValueError(
-                f"has the joints in another order than {owner}: joint {place} is "
-                f"{description.joints[place]}, and there {order[place]}; its weights belong to its "
+                "has the joints in another order than this version of surefoot: joint "
+                f"{place} is {joints[place]}, and there {JOINTS[place]}; its weights belong to its "
                 "own order, so do not rename them: send and take joints in the order of the file, "
                 "or export the policy again"
             )
         raise ValueError(
-            f"has other joints than {owner}, {shown(description.joints)}, expected {shown(order)}; "
-            "export a policy that was trained on this robot"
+            f"has other joints than this version of surefoot, {shown(joints)}, expected "
+            f"{shown(JOINTS)}; export a policy that was trained on this robot"
         )
-    if metadata.get("joint_names", ",".join(description.joints)) != ",".join(description.joints):
+    if metadata.get("joint_names", ",".join(joints)) != ",".join(joints):
         raise ValueError(
             "names its joints twice, in different orders (`joint_names` and `surefoot`); export "
             "the policy again"
