@@ -6,13 +6,14 @@ import os
 import subprocess
 import sys
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import onnx
 import pytest
 
 from surefoot.deploy.description import KEY, NO_HASH, ExportFileError, file_hash
-from surefoot.deploy.export_file import read_export
+from surefoot.deploy.export_file import MOST_BYTES, read_export
 from surefoot.deploy.policy import load
 from surefoot.interop.logs.replay import reference_inputs, run_runtime, sensors_of, states_of
 from surefoot.interop.onnx.file import network_model
@@ -225,6 +226,23 @@ def test_policies_of_another_robot_or_layout_are_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe.onnx")
     with pytest.raises(ExportFileError, match="not a regular file"):
         load(tmp_path / "pipe.onnx")
+
+
+def test_a_file_that_is_too_large_is_refused_without_being_read(tmp_path, monkeypatch):
+    path = tmp_path / "huge.onnx"
+    with path.open("wb") as file:
+        file.truncate(MOST_BYTES + 1)  # takes no space on the disk
+    monkeypatch.setattr(Path, "read_bytes", lambda _: pytest.fail("it was read"))
+    message = f"huge.onnx has {MOST_BYTES + 1} bytes; at most {MOST_BYTES} are read"
+    with pytest.raises(ExportFileError, match=message):
+        load(path)
+
+
+def test_without_onnx_runtime_the_error_says_how_to_install_it(tmp_path, monkeypatch):
+    path, _ = exported(tmp_path)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(ImportError, match=r"ONNX Runtime is missing .*pip install onnxruntime"):
+        load(path)
 
 
 def test_files_of_other_programs_and_pipelines_are_refused(tmp_path):

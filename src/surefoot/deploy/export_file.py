@@ -6,11 +6,8 @@ Read `policy` next, which runs what was read, and `description` for what a file 
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 from surefoot.config.json_io import from_json
 from surefoot.config.json_text import parse_json, read_file
@@ -22,6 +19,7 @@ from surefoot.deploy.description import (
     file_hash,
 )
 from surefoot.errors import shown
+from surefoot.learning.onnx_graph import open_session
 from surefoot.types import JOINTS
 
 MOST_BYTES = 300_000_000
@@ -92,46 +90,21 @@ def read_export(
 
 def _content(path: Path) -> bytes:
     """The bytes of a file, if an exported file may be that large."""
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise ExportFileError(f"{path} has {size} bytes; at most {MOST_BYTES} are read")
     try:
-        content = read_file(path)
+        return read_file(path)
     except ValueError as error:
         raise ExportFileError(str(error)) from error
-    if len(content) > MOST_BYTES:
-        raise ExportFileError(f"{path} has {len(content)} bytes; at most {MOST_BYTES} are read")
-    return content
-
-
-def import_onnxruntime() -> ModuleType:
-    """Import ONNX Runtime.
-
-    Raises:
-        ImportError: It is missing; the message says how to install it.
-    """
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise ImportError(
-            f"ONNX Runtime is missing ({error}); `pip install onnxruntime` installs it"
-        ) from error
-    return onnxruntime
-
-
-def open_session(content: bytes) -> Any:
-    """A session that runs a graph, on one core."""
-    onnxruntime = import_onnxruntime()
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 4
-    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
 
 def _metadata(path: Path, content: bytes) -> dict[str, str]:
     """The metadata of a file."""
-    import_onnxruntime()
     try:
         return dict(open_session(content).get_modelmeta().custom_metadata_map)
+    except ImportError:
+        raise
     except Exception as error:  # whatever ONNX Runtime raises about a damaged file
         reason = " ".join(str(error).split())[:200]
         raise ExportFileError(f"{path} is not a whole ONNX file ({reason}); {_AGAIN}") from error
