@@ -25,7 +25,6 @@ from surefoot.learning.policy import (
     Policy,
     PolicyFileError,
     PolicySpec,
-    check_command,
     load,
     pd,
     policy_spec,
@@ -225,16 +224,6 @@ def test_a_gain_that_training_cannot_divide_by_is_refused(kp):
         PolicySpec(OBSERVATION_SPEC, kp, 0.1)
     with pytest.raises(ValueError, match=r"policy\.kp is .*; use 0.01 to 10000.0"):
         PolicyConfig(kp=kp)
-
-
-def test_commands_outside_the_trained_range_warn():
-    policy = make_policy()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert check_command(policy, [0.3, 0.0, 0.0])
-        assert check_command(policy, np.array([[0.0, 0.1, 0.0], [0.3, -0.1, 0.0]]))
-    with pytest.warns(UserWarning, match=r"outside what the policy was trained on.*0\.3"):
-        assert not check_command(policy, [0.5, 0.0, 0.0])
 
 
 def test_a_policy_that_sees_the_phase_as_a_fraction(tmp_path):
