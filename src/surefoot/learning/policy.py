@@ -144,7 +144,7 @@ class Policy:
         network: PolicyNetwork,
         spec: PolicySpec,
         command_range: ArrayLike,
-        robot: str = "solo12",
+        robot: str,
         provenance: Mapping[str, Plain] | None = None,
         limits: JointLimits | None = None,
         bounds: SafetyBounds | None = None,
