@@ -34,7 +34,7 @@ def run(tmp_path) -> Run:
         tmp_path / "run", Config(method=LocoSafeDaggerConfig(), policy=SMALL, training=FLOAT32)
     )
     for i in range(3):
-        policy = Policy(PolicyNetwork(SMALL, i), spec_of(SMALL), np.zeros((2, 3)))
+        policy = Policy(PolicyNetwork(SMALL, i), spec_of(SMALL), np.zeros((2, 3)), "solo12")
         save(policy, run.policy_path(i))
     for i, logit in ((0, 9.0), (1, -1.0)):  # probabilities of 0.9999 and 0.27
         save_classifier(constant_network(logit), run.gate_path("history", i))

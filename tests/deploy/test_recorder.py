@@ -73,15 +73,6 @@ def test_a_flight_comes_back_from_its_file_to_the_bit(tmp_path):
         np.testing.assert_array_equal(getattr(again, name), getattr(flight, name))
 
 
-def test_a_flight_of_an_earlier_version_which_has_no_gait_is_of_the_first_one(tmp_path):
-    recorder = FlightRecorder("toy")
-    recorder.add(record(0), sensors(), None)
-    arrays = dict(vars(recorder.flight()))
-    del arrays["gait"]
-    np.savez(tmp_path / "flight.npz", **arrays)
-    assert load_flight(tmp_path / "flight.npz").gait.tolist() == [0]
-
-
 def test_a_file_that_is_no_flight_is_refused(tmp_path):
     file = tmp_path / "flight.npz"
     np.savez(file, tick=np.arange(3))

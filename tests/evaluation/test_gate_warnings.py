@@ -282,7 +282,10 @@ def test_gates_are_not_asked_once_all_robots_have_fallen(monkeypatch):
 
 
 LIMP = Policy(
-    PolicyNetwork(PolicyConfig(hidden=(16, 16)), 0), spec_of(PolicyConfig()), np.zeros((2, 3))
+    PolicyNetwork(PolicyConfig(hidden=(16, 16)), 0),
+    spec_of(PolicyConfig()),
+    np.zeros((2, 3)),
+    "solo12",
 )
 CONFIG = replace(
     with_own_values(Config()),

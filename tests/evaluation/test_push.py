@@ -327,7 +327,7 @@ def test_a_policy_remembers_at_the_push_what_came_before(before):
     anywhere = replace(CONFIG.safety, fall_angle=1e4, fall_height=(-10.0, 10.0))
     config = replace(CONFIG, safety=anywhere)  # the policy is a random one
     blind = replace(SMALL, layout="proprioceptive")
-    policy = Policy(trained_network(blind), spec_of(blind), np.zeros((2, 3)))
+    policy = Policy(trained_network(blind), spec_of(blind), np.zeros((2, 3)), "solo12")
     begin = replace(job_of(2, before, config), arbiter=PolicyOnly(), policy=policy)
     branch = branch_at_push(begin, Workers(1), "test")
     assert branch.up.all()

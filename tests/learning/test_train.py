@@ -64,7 +64,7 @@ def test_a_fit_learns_a_linear_controller():
     assert result.validation_loss[-1] < 0.15 * untrained
     assert result.train_loss[-1] < result.train_loss[0] / 4
     # And the policy made of it gives the controller's torque.
-    policy = Policy(result.network, SPEC, frames.command_range)
+    policy = Policy(result.network, SPEC, frames.command_range, "solo12")
     torque = policy.torque(frames.state, frames.tick, frames.command, np.ones(len(frames), bool))
     assert np.abs(torque - frames.torque).mean() < 0.15 * SPEC.kp * untrained
 
@@ -600,7 +600,8 @@ data = sf.Dataset(sys.argv[1])
 data.append("all", frames)
 config = TrainingConfig(batch=64, precision="float32")
 result = sf.fit(sf.PolicyNetwork(SMALL), data, config, SPEC, 1, 0)
-sf.save(sf.Policy(result.network, SPEC, result.command_range), sys.argv[1] + "/policy")
+policy = sf.Policy(result.network, SPEC, result.command_range, "solo12")
+sf.save(policy, sys.argv[1] + "/policy")
 assert sf.load(sys.argv[1] + "/policy").spec == SPEC
 """
     with tempfile.TemporaryDirectory() as folder:

@@ -106,7 +106,7 @@ def test_a_policy_of_another_period_gain_or_phase_is_refused(
 def test_a_policy_that_lies_in_no_run_brings_its_gains(finished, tmp_path, caplog):
     trained = load(finished.best_policy_path)
     config = PolicyConfig(trained.network.hidden, kp=2.5, kd=0.07, phase="fraction")
-    policy = Policy(trained.network, spec_of(config), trained.command_range)
+    policy = Policy(trained.network, spec_of(config), trained.command_range, "solo12")
     path = tmp_path / "elsewhere" / "policy.safetensors"
     save(policy, path)
     with caplog.at_level(logging.INFO, logger="surefoot"):

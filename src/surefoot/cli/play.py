@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -25,6 +26,7 @@ from surefoot.cli.progress import seconds_bar
 from surefoot.types import Command
 
 if TYPE_CHECKING:
+    from surefoot.learning.policy import Policy
     from surefoot.rollouts.jobs import Job
 
 
@@ -204,7 +206,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         Raises:
             ValueError: An iteration was named, but no episode; or the policy lacks a gait.
         """
-        from surefoot.learning.policy import check_command, load
+        from surefoot.learning.policy import load
         from surefoot.mpc.gaits import numbers_of
         from surefoot.robots.load import find_spec
         from surefoot.rollouts.arbiters import PolicyOnly
@@ -221,7 +223,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         policy, config = find_policy(self.target)
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
-        check_command(load(policy, find_spec(config.robot).name), np.array(command))
+        check_command(load(policy, find_spec(config.robot).name), command)
         start = standing_start(command, config.robot)
         numbers = numbers_of(config, self.gaits) if self.gaits else [0]
         start, switches = in_turn(config, start, numbers, self.seconds)
@@ -249,3 +251,21 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         if self.target is None:
             raise ValueError(f"--episode {episode} needs the folder of the run that recorded it")
         return recorded_episode(self.target, episode, self.iteration)
+
+
+def check_command(policy: Policy, command: Command) -> None:
+    """Warn of a command outside the range that the policy was trained on.
+
+    Args:
+        policy: The policy.
+        command: The velocity that it is to follow.
+    """
+    low, high = policy.command_range
+    given = np.array(command)
+    if not ((given >= low - 1e-9) & (given <= high + 1e-9)).all():
+        warnings.warn(
+            f"command {given.tolist()} lies outside what the policy was trained on: vx, vy, "
+            f"yaw rate from {low.tolist()} to {high.tolist()}; expect poor tracking or a fall, "
+            "or train with such commands",
+            stacklevel=2,
+        )

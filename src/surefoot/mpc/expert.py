@@ -50,7 +50,8 @@ class Expert:
             used; the last tick of a shorter plan is held.
         kp: The proportional gain [N m/rad].
         kd: The derivative gain [N m s/rad].
-        damping: The damping of the joints of a robot that has no valid plan [N m s/rad].
+        damping: The damping of the joints of a robot that has no valid plan [N m s/rad]; the
+            default is Solo12's, and `make_expert` takes that of its robot.
         gaits: The gaits that the plans are for, in the order of their numbers; empty if unknown.
 
     Attributes:

@@ -61,7 +61,8 @@ def flown(path, total: int, expert=range(0), unseen: int = 0):
             command = JointCommand(policy.target(sensors, tick, COMMAND), policy.kp, policy.kd)
         if tick >= unseen:
             drove = tick in expert
-            record = TickRecord(tick, tick * TICK_NS, DRIVE, drove, COMMAND, tick, 100.0, 100.0)
+            time_ns = tick * TICK_NS
+            record = TickRecord(tick, time_ns, DRIVE, drove, COMMAND, tick, 100.0, 100.0, gait=0)
             recorder.add(record, sensors, command)
     return sensor_log_of_flight(recorder.flight())
 
