@@ -100,7 +100,7 @@ def cell_config(study: StudyConfig, cell: Cell, base: Config | None = None) -> C
     """
     technique = study.technique(cell.technique)
     setting = study.setting(cell.setting)
-    return _seeded(config_of(technique, setting, cell.seed, base), cell)
+    return _seeded(config_of(technique, setting, base), cell)
 
 
 def _seeded(config: Config, cell: Cell) -> Config:
@@ -123,7 +123,7 @@ def trained_configs(study: StudyConfig) -> dict[Cell, Config]:
             continue
         key = (cell.technique, cell.setting)
         if key not in common:
-            common[key] = config_of(technique, study.setting(cell.setting), cell.seed)
+            common[key] = config_of(technique, study.setting(cell.setting))
         configs[cell] = _seeded(common[key], cell)
     return configs
 
@@ -244,19 +244,14 @@ def beginnings_of(study: StudyConfig) -> dict[str, str]:
         for group in groups.values():
             if len(group) > 1:
                 begins |= {cell.name: _job_name(shared, group[0]) for cell in group}
+    experts: dict[tuple[str, Config], Cell] = {}
     for cell in cells_of(study):
         if study.technique(cell.technique).method == EXPERT:
-            first = _same_expert(study, cell)
+            expert = (cell.technique, _expert_alone(cell_config(study, cell)))
+            first = experts.setdefault(expert, cell)
             if first != cell:
                 begins[cell.name] = _job_name("measure", first)
     return begins
-
-
-def _same_expert(study: StudyConfig, cell: Cell) -> Cell:
-    """The first cell whose expert is the same as this cell's, which may be this cell itself."""
-    own = _expert_alone(cell_config(study, cell))
-    cells = [each for each in cells_of(study) if each.technique == cell.technique]
-    return next(each for each in cells if _expert_alone(cell_config(study, each)) == own)
 
 
 def _expert_alone(config: Config) -> Config:

@@ -107,7 +107,7 @@ def check_cells(study: StudyConfig) -> None:
         for setting in study.settings:
             where = f"{technique.name} in the setting {setting.name}"
             try:
-                config = completed(config_of(technique, setting, study.seeds[0]))
+                config = completed(config_of(technique, setting))
                 if technique.method != EXPERT:
                     check_config(config)
                 for measurement in study.measurements:
