@@ -14,7 +14,7 @@ from surefoot.config.studies import named_study
 from surefoot.config.study import Measurement, Setting
 from surefoot.evaluation.imitation import ImitationError
 from surefoot.study.cells import jobs_of, measured_options, measurements_of
-from surefoot.study.folder import PolicyTest
+from surefoot.study.folder import PolicyTest, save_setup
 
 ERROR = ImitationError("starts", "28d8", 60, 4800, 61.5, 210.0)
 
@@ -59,8 +59,8 @@ def test_the_same_expert_has_the_same_results_in_another_setting(tmp_path):
         measured = folder.Tests(name, (PolicyTest(0, None, None),), True, asked)
         folder.save_tests(tmp_path, first.cell, measured)
         assert folder.read_tests(tmp_path, study, second.cell, name) is None
-    setup = folder.StudySetup(study, None, "1.0", "float32")
-    work.measure_cell(tmp_path, setup, second, work.Slice(60.0))
+    save_setup(tmp_path, folder.StudySetup(study, None, "1.0", "float32"))
+    assert work.do_job(tmp_path, second.name)
     for name in measurements_of(study, first.cell):
         measured = folder.read_tests(tmp_path, study, first.cell, name)
         copied = folder.read_tests(tmp_path, study, second.cell, name)

@@ -19,8 +19,9 @@ from surefoot.config.study import EXPERT, Options, StudyConfig, Technique, confi
 from surefoot.errors import unknown
 from surefoot.runs.first_stage import Shared, first_stage
 
-JobKind = Literal["share", "train", "measure"]
-"""What a job does: it makes what several cells begin with, trains a cell's run, or measures it."""
+JobKind = Literal["share", "train", "measure", "copy"]
+"""What a job does: it makes what several cells begin with, trains a cell's run, measures it, or
+copies what was measured of the same expert in another setting."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +147,7 @@ def jobs_of(
     for cell in cells_of(study):
         begin = begins.get(cell.name)
         needs = () if begin is None else (begin,)
+        kind: JobKind = "measure"
         if study.technique(cell.technique).method != EXPERT:
             train = StudyJob(_job_name("train", cell), "train", cell)
             if begin is not None:
@@ -155,7 +157,9 @@ def jobs_of(
                 train = replace(train, shared=shared, needs=needs)
             jobs[train.name] = train
             needs = (train.name,)
-        measure = StudyJob(_job_name("measure", cell), "measure", cell, needs=needs)
+        elif begin is not None:
+            kind = "copy"
+        measure = StudyJob(_job_name("measure", cell), kind, cell, needs=needs)
         jobs[measure.name] = measure
     return tuple(jobs.values())
 

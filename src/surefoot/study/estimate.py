@@ -133,6 +133,8 @@ def _with_share_of_core(measure: Callable[[], T]) -> tuple[T, float]:
 def work_of(study: StudyConfig, job: StudyJob) -> Work:
     """What a job has to compute, as if no robot fell."""
     config = cell_config(study, job.cell)
+    if job.kind == "copy":
+        return Work()
     if job.kind == "measure":
         return measuring_work(study, job, config)
     first = first_work(config)
@@ -208,8 +210,6 @@ def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
     """The work of measuring the policies of a cell."""
     work = Work()
     is_expert = study.technique(job.cell.technique).method == EXPERT
-    if is_expert and job.needs:
-        return work  # it is measured in another setting
     for name in measurements_of(study, job.cell):
         work = work + _measurement_work(study.measurement(name), config, is_expert)
     return work

@@ -207,7 +207,7 @@ def _is_done(folder: Path, study: StudyConfig, job: StudyJob) -> bool:
     record = read_job(folder, job.cell, job.name)
     if record is None or not record.finished:
         return False
-    if job.kind != "measure":
+    if job.kind in ("share", "train"):
         return True
     # A file that was moved away is measured again, and so is what the study has asked for since.
     names = measurements_of(study, job.cell)

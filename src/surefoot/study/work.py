@@ -131,11 +131,13 @@ def do_job(folder: Path, name: str) -> bool:
             make_shared(folder, setup, job, piece)
         elif job.kind == "train":
             train_cell(folder, setup, job, piece)
-        else:
+        elif job.kind == "measure":
             measure_cell(folder, setup, job, piece)
+        else:
+            copy_tests(folder, setup, job)
     except SliceOver:
         finished = False
-    save_job(folder, job.cell, job_record(folder, job, piece, finished))
+    save_job(folder, job.cell, job_record(folder, setup, job, piece, finished))
     return finished
 
 
@@ -190,9 +192,6 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
         piece: The slice of time that it has.
     """
     cell = job.cell
-    if setup.study.technique(cell.technique).method == EXPERT and job.needs:
-        copy_tests(folder, setup.study, find_job(setup.jobs, job.needs[0]).cell, cell)
-        return
     for name in measurements_of(setup.study, cell):
         measurement = setup.study.measurement(name)
         config = config_for(run_folder(folder, cell), run_config(setup, cell))
@@ -203,31 +202,29 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
         if [each.sha256 for each in done] != [each.sha256 for each in wanted[: len(done)]]:
             logger.warning("%s: %s was measured of other policies; measured again", cell.name, name)
             done = ()
-        # What an earlier version began to measure has no options, as these are not known.
         asked = measured_options(setup.study, cell, name)
-        options = before.options if before is not None and done else asked
         for policy in wanted[len(done) :]:
             piece.stop_if_over()
             done = (*done, _measure(config, policy, measurement))
             finished = len(done) == len(wanted)
-            save_tests(folder, cell, Tests(name, done, finished, options))
+            save_tests(folder, cell, Tests(name, done, finished, asked))
 
 
-def copy_tests(folder: Path, study: StudyConfig, measured: Cell, cell: Cell) -> None:
+def copy_tests(folder: Path, setup: StudySetup, job: StudyJob) -> None:
     """Copy what was measured of the same expert in another setting.
 
     Args:
         folder: Folder of the study.
-        study: The study.
-        measured: The cell that has been measured.
-        cell: The cell that gets the same results.
+        setup: The study.
+        job: The job, which needs the one that measures.
     """
-    for name in measurements_of(study, cell):
-        tests = read_tests(folder, study, measured, name)
+    [needed] = job.needs
+    measured = find_job(setup.jobs, needed).cell
+    for name in measurements_of(setup.study, job.cell):
+        tests = read_tests(folder, setup.study, measured, name)
         assert tests is not None  # the job that measures it is done
-        if tests.options is not None:
-            tests = replace(tests, options=measured_options(study, cell, name))
-        save_tests(folder, cell, tests)
+        asked = measured_options(setup.study, job.cell, name)
+        save_tests(folder, job.cell, replace(tests, options=asked))
 
 
 @dataclass(frozen=True)
@@ -283,16 +280,18 @@ def _measure(config: Config, policy: MeasuredPolicy, measurement: Measurement) -
     return replace(test, robustness=robustness)
 
 
-def job_record(folder: Path, job: StudyJob, piece: Slice, finished: bool) -> JobRecord:
+def job_record(
+    folder: Path, setup: StudySetup, job: StudyJob, piece: Slice, finished: bool
+) -> JobRecord:
     """The record of a job after one of its slices, with the time of earlier slices added.
 
     Args:
         folder: Folder of the study.
+        setup: The study.
         job: The job.
         piece: The slice.
         finished: Whether the job is done.
     """
-    setup = read_study(folder)
     config = run_config(setup, job.cell)
     now = versions(config.simulation.backend)
     before = read_job(folder, job.cell, job.name)
@@ -301,7 +300,7 @@ def job_record(folder: Path, job: StudyJob, piece: Slice, finished: bool) -> Job
         commit=setup.commit,
         processors=(now["processor"],),
         versions=now,
-        precision="" if job.kind == "measure" else config.training.precision,
+        precision="" if job.kind in ("measure", "copy") else config.training.precision,
         started=piece.started.isoformat(timespec="seconds"),
         seconds=piece.spent,
         finished=finished,
