@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from surefoot.config import Config, IterativeConfig
+from surefoot.config import Backend, Config, IterativeConfig
 from surefoot.config.study import EXPERT, Measurement, StudyConfig, measured_config
 from surefoot.evaluation.imitation import imitation_error
 from surefoot.evaluation.push import push_recovery
@@ -293,14 +293,15 @@ def job_record(
         finished: Whether the job is done.
     """
     config = run_config(setup, job.cell)
-    now = versions(config.simulation.backend)
+    now = versions(_simulator_of(setup.study, job, config))
     before = read_job(folder, job.cell, job.name)
+    trains = job.kind == "train" or (job.kind == "share" and job.shared == "policy")
     record = JobRecord(
         job=job.name,
         commit=setup.commit,
         processors=(now["processor"],),
         versions=now,
-        precision="" if job.kind in ("measure", "copy") else config.training.precision,
+        precision=config.training.precision if trains else "",
         started=piece.started.isoformat(timespec="seconds"),
         seconds=piece.spent,
         finished=finished,
@@ -313,6 +314,21 @@ def job_record(
         started=before.started,
         seconds=before.seconds + record.seconds,
     )
+
+
+def _simulator_of(study: StudyConfig, job: StudyJob, config: Config) -> Backend:
+    """The simulator whose version a job's record has: PyBullet if anything in the job uses it.
+
+    Args:
+        study: The study.
+        job: The job.
+        config: The configuration of its cell's run.
+    """
+    used = [config]
+    if job.kind == "measure":
+        names = measurements_of(study, job.cell)
+        used += [measured_config(config, study.measurement(name)) for name in names]
+    return "bullet" if any(each.simulation.backend == "bullet" for each in used) else "mujoco"
 
 
 def end_with_the_supervisor(parent: int) -> None:
