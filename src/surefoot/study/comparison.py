@@ -17,7 +17,7 @@ from typing import get_args
 
 from surefoot.config import Backend, Config, DisturbanceConfig, simulated
 from surefoot.config.evaluation import shortened
-from surefoot.config.json_io import changes
+from surefoot.config.json_io import changes, read_record
 from surefoot.config.study import EXPERT
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.push_limits import push_difference
@@ -28,14 +28,7 @@ from surefoot.robots.load import with_profile
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.comparable import WhichPolicy, open_comparable_runs, rows_of, shared_settings
-from surefoot.study.records import (
-    Comparison,
-    Difference,
-    Differences,
-    Measured,
-    Row,
-    read_comparison,
-)
+from surefoot.study.records import Comparison, Difference, Differences, Measured, Row
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
@@ -212,7 +205,7 @@ def resume_comparison(path: Path, comparison: Comparison) -> Comparison:
             not keep the initial states, or has results of policies that are not asked for, which
             would be lost.
     """
-    before = read_comparison(path)
+    before = read_record(path, Comparison)
     for name, of_file, asked_for in (
         ("episodes", before.episodes, comparison.episodes),
         ("versions", before.versions, comparison.versions),
