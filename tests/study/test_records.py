@@ -7,8 +7,9 @@ import pytest
 
 from surefoot.config.json_io import read_record
 from surefoot.files import write_json
+from surefoot.study.markdown_text import page_with
 from surefoot.study.records import Comparison
-from surefoot.study.tables import comparison_tables, page_with
+from surefoot.study.tables import comparison_tables
 from tests.fakes.comparisons import measure, pretend_measurements
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from surefoot.evaluation.statistics import Interval, RunMeans, wilson
+from surefoot.study.markdown_text import markdown
 from surefoot.study.run_statistics import (
     RunDifference,
     Runs,
@@ -24,7 +25,6 @@ from surefoot.study.run_statistics import (
     mean_of_runs,
     of_both,
 )
-from surefoot.study.tables import markdown
 
 Verdict = Literal["holds", "does not hold", "cannot tell"]
 """What the runs show about a claim."""

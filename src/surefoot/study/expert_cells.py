@@ -16,7 +16,7 @@ from surefoot.config import Backend, Config
 from surefoot.evaluation.push_limits import PushLimits, PushResult
 from surefoot.evaluation.robustness import VelocityError
 from surefoot.evaluation.statistics import Interval
-from surefoot.study.tables import markdown, percent_range
+from surefoot.study.markdown_text import markdown, percent_range
 
 Nodes = tuple[int, int]
 """Number of centroidal and of kinematic nodes, 50 ms apart."""

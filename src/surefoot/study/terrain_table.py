@@ -24,7 +24,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
 from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.keys import MEASURING, code_hash, ingredients_of, key_of
-from surefoot.study.tables import markdown
+from surefoot.study.markdown_text import markdown
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
