@@ -84,6 +84,13 @@ def test_results_of_several_commits_are_refused(surefoot, capsys, study_folder):
     assert "several commits (c0ffee, decaf0)" in capsys.readouterr().err
 
 
+def test_results_of_several_precisions_are_refused(surefoot, capsys, study_folder):
+    [job] = (study_folder / "behavior_cloning/seed-0/jobs").glob("push*.json")
+    job.write_text(job.read_text().replace('"float32"', '"bfloat16"'))
+    assert surefoot("report", study_folder) == 2
+    assert "several precisions (bfloat16, float32)" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("option", ["--json", "--tables"])
 def test_an_output_never_replaces_the_page(
     surefoot, capsys, study_folder, run_folder, tmp_path, option

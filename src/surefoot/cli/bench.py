@@ -42,7 +42,7 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
     (end_to_end) of `surefoot.bench`; `floor_` marks a lower bound.
 
     JSON keys of expert: `cells`, one object for each simulator, horizon and set of rules, and
-    `lost_by_all`, the initial states that all of them lose (`surefoot.study.records.Survey`).
+    `lost_by_all`, the initial states that all of them lose (`surefoot.study.expert_cells.Survey`).
     """
 
     what: Annotated[
@@ -87,7 +87,8 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
                     "bench expert measures Solo12's expert: leave --robot out; `surefoot survey` "
                     "measures those of other robots"
                 )
-            from surefoot.study.expert_survey import survey_expert, survey_table
+            from surefoot.study.expert_cells import survey_table
+            from surefoot.study.expert_survey import survey_expert
 
             survey = survey_expert(self.config, self.sim, self.episodes, self.spread, self.json)
             print(survey_table(survey))

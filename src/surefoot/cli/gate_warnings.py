@@ -128,7 +128,7 @@ def gates_of(run: Run, iteration: int) -> dict[str, Gate]:
 
 def warnings_table(report: RunWarnings) -> str:
     """The warnings as a Markdown table."""
-    from surefoot.study.tables import markdown
+    from surefoot.study.markdown_text import markdown
 
     head = (
         "gate",

@@ -12,7 +12,7 @@ from surefoot.cli.options import OnSimulator, OnWorkers
 from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config
 from surefoot.config.sim import GROUNDS
-from surefoot.files import claim_file, write_atomic, write_json
+from surefoot.files import claim_file, write_json
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Terrains(OnWorkers, OnSimulator):
         from surefoot.runs.policies import find_policy, prepared_for
         from surefoot.scenarios.gains import with_measured_gain
         from surefoot.scenarios.gaits import all_starts_of
-        from surefoot.study.tables import page_with
+        from surefoot.study.markdown_text import page_with, write_page
         from surefoot.study.terrain_table import (
             TerrainTable,
             Walker,
@@ -97,7 +97,7 @@ class Terrains(OnWorkers, OnSimulator):
         text = terrain_page(table)
         # Written first: what cannot be printed is not lost.
         if self.page is not None:
-            write_atomic(self.page, page_with(text, self.page).encode())
+            write_page(text, self.page)
         print(text)
         return 0
 

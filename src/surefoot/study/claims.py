@@ -4,8 +4,8 @@ A claim says that a number lies in a region, for example below 5 %. It holds if 
 interval over runs lies inside the region; it does not hold if no part of the interval does;
 otherwise the runs cannot tell, just as when nothing has been measured yet. "X is the largest" is
 judged by the differences to all rivals, and shows the least favorable one. Read `run_statistics`
-for the intervals, `paper_claims` for the paper's claims, and `comparisons` for those that a study
-plans itself.
+for the intervals, `paper_claims` for the paper's claims, and `planned_comparisons` for those that a
+study plans itself.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from surefoot.evaluation.statistics import Interval, RunMeans, wilson
+from surefoot.study.markdown_text import markdown
 from surefoot.study.run_statistics import (
     RunDifference,
     Runs,
@@ -24,7 +25,6 @@ from surefoot.study.run_statistics import (
     mean_of_runs,
     of_both,
 )
-from surefoot.study.tables import markdown
 
 Verdict = Literal["holds", "does not hold", "cannot tell"]
 """What the runs show about a claim."""

@@ -14,6 +14,7 @@ from surefoot.config.study import EXPERT
 from surefoot.runs.budget import SECONDS_PER_SOLVE
 from surefoot.study.cells import cells_of
 from surefoot.study.folder import JudgedPrediction
+from surefoot.study.markdown_text import markdown, page_with
 from surefoot.study.paper_claims import text_of_claims
 from surefoot.study.report.numbers import Estimate, Number
 from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure
@@ -23,7 +24,6 @@ from surefoot.study.report.tables import mean_costs
 from surefoot.study.report.verdicts import UNJUDGED, Verdict
 from surefoot.study.results import CellResult, StudyResults
 from surefoot.study.run_values import is_trained
-from surefoot.study.tables import markdown, page_with
 
 UNMEASURED = "–"
 """Shown in a table where nothing was measured."""

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from surefoot.study.claims import Claim
-from surefoot.study.comparisons import ComparisonOutcome, comparison_outcomes
 from surefoot.study.folder import JudgedPrediction
 from surefoot.study.paper_claims import paper_claims
+from surefoot.study.planned_comparisons import ComparisonOutcome, comparison_outcomes
 from surefoot.study.report.markup import Markup, element, escaped, table
 from surefoot.study.results import StudyResults
 
