@@ -169,6 +169,16 @@ def test_several_gaits_are_options_of_any_number():
     assert [gait_name(gait) for gait in train.config.gaits] == ["walk", "bound", "trot"]
     one = parse_train(["loco_safe_dagger", "--gaits", "walk"])
     assert one.config == parse_train(["loco_safe_dagger", "--gait", "walk"]).config
+    again = parse_train(["loco_safe_dagger", "--gaits", "bound", "trot", "--gaits", "walk"])
+    assert again == one
+
+
+def test_no_gait_may_be_said_in_words():
+    default = parse_train(["loco_safe_dagger"])
+    assert parse_train(["loco_safe_dagger", "--gait", "None"]) == default
+    assert parse_train(["loco_safe_dagger", "--gaits", "None"]) == default
+    alone = parse_train(["loco_safe_dagger", "--gait", "None", "--gaits", "walk"])
+    assert alone.config == parse_train(["loco_safe_dagger", "--gait", "walk"]).config
 
 
 @pytest.mark.parametrize(

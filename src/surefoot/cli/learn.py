@@ -260,7 +260,7 @@ def parse_learn(args: Sequence[str]) -> Learn:
         ValueError: There is no such preset or gait.
         SystemExit: Help was asked for, or an option is wrong.
     """
-    name = sort_arguments(args, Learn).values.get("--preset", "default")
+    name = sort_arguments(args, Learn).values.get("--preset", ["default"])[0]
     config = config_of_gait(args, Learn, robot_preset(name))
     default = Learn(robot=tyro.MISSING, preset=name, config=config)
     return read_options(Learn, args, "surefoot learn", default)

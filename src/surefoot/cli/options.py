@@ -96,36 +96,20 @@ def config_of_gait(args: Sequence[str], command: type, config: Config) -> Config
     from surefoot.mpc.gaits import with_gait, with_gaits
     from surefoot.mpc.schedule import stands
 
-    arguments = sort_arguments(args, command)
-    name = arguments.values.get("--gait")
-    names = values_of("--gaits", arguments.options)
-    if name is not None and names:
+    values = sort_arguments(args, command).values
+    name = values.get("--gait", ["None"])[0]
+    names = values.get("--gaits", ["None"])
+    if name != "None" and names != ["None"]:
         raise ValueError("--gait names one gait, --gaits several: use one of the two options")
-    if not names and name is None:
+    if names != ["None"]:
+        config = with_gaits(config, names)
+    elif name != "None":
+        config = with_gait(config, name)
+    else:
         return config
-    config = with_gaits(config, names) if names else with_gait(config, str(name))
     if all(map(stands, config.gaits)):
         config = replace(config, commands=CommandBox(vx=(0.0, 0.0)))
     return config
-
-
-def values_of(name: str, options: Sequence[str]) -> list[str]:
-    """The values of an option that may have any number of them; none if it is not given.
-
-    Args:
-        name: The option.
-        options: The options of an argument list, each with its values behind it.
-    """
-    values: list[str] = []
-    taking = False
-    for option in options:
-        if option.startswith("--"):
-            found, equals, value = option.partition("=")
-            taking = found == name
-            values += [value] if taking and equals else []
-        elif taking:
-            values.append(option)
-    return values
 
 
 @dataclass(frozen=True, kw_only=True)

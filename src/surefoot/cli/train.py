@@ -127,7 +127,7 @@ def parse_train(args: Sequence[str]) -> Train:
     arguments = sort_arguments(args, Train)
     if arguments.positional:
         method = arguments.positional[0]
-        name = arguments.values.get("--preset", "default")
+        name = arguments.values.get("--preset", ["default"])[0]
         config = config_of_gait(args, Train, preset(method, name))
         default = Train(method, name, config=config)
         return read_options(Train, args, program, default)
