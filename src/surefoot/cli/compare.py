@@ -15,9 +15,8 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.evaluate import own_disturbance
-from surefoot.cli.options import OnHardware, OnSimulator, OnWorkers
+from surefoot.cli.options import OnHardware, OnPushes, OnSimulator, OnWorkers
 from surefoot.cli.outputs import Output, check_outputs
-from surefoot.cli.push_options import OnPushes
 from surefoot.config import Backend, DisturbanceConfig, SimulationConfig
 from surefoot.files import write_atomic
 

@@ -17,14 +17,8 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.evaluation_text import print_controller, print_differences, print_switching
-from surefoot.cli.options import (
-    OnHardware,
-    OnSimulator,
-    OnTerrain,
-    OnWorkers,
-)
+from surefoot.cli.options import OnHardware, OnPushes, OnSimulator, OnTerrain, OnWorkers
 from surefoot.cli.outputs import Output, check_outputs
-from surefoot.cli.push_options import OnPushes
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
 from surefoot.files import WriteError, write_json

@@ -12,11 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from surefoot.cli.options import (
-    check_seconds,
-    check_velocity,
-    show_record,
-)
+from surefoot.cli.episodes import show_record
+from surefoot.cli.options import check_seconds, check_velocity
 from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.errors import unknown
