@@ -173,7 +173,7 @@ def test_numbers_out_of_range_are_named(options, message):
 
 
 def test_options_need_pushes():
-    OnPushes(push_speeds=2).check_pushed(True)
-    OnPushes().check_pushed(False)
-    with pytest.raises(ValueError, match="--push-speeds, --push-resolution without pushes"):
-        OnPushes(push_speeds=2, push_resolution=0.5).check_pushed(False)
+    OnPushes(push_speeds=2).check_pushed(True, "push")
+    OnPushes().check_pushed(False, "push")
+    with pytest.raises(ValueError, match="--push-speeds, --push-resolution without pushes; push"):
+        OnPushes(push_speeds=2, push_resolution=0.5).check_pushed(False, "push")

@@ -85,7 +85,7 @@ class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
         check_outputs(self, outputs)
         if self.out is not None:
             page_with("", self.out)
-        self.check_pushed(self.pushes)
+        self.check_pushed(self.pushes, "leave --no-pushes out")
         simulators = get_args(Backend) if self.sim is None else (self.sim,)
         for simulator in simulators:
             try:

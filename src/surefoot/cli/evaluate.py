@@ -96,7 +96,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
 
         # What would fail after minutes fails before any work.
         check_outputs(self, [Output("--json", self.json)])
-        self.check_pushed(self.pushes)
+        self.check_pushed(self.pushes, "add --pushes")
         if self.starts is not None:
             load_starts(self.starts)
         policy, trained_on = find_policy(self.target)

@@ -198,11 +198,12 @@ class OnPushes:
     three or four. With --push-speeds 2 --push-directions 4 --push-resolution 0.8 the robots walk
     for about 0.5 thousand seconds instead of 7 thousand."""
 
-    def check_pushed(self, pushes: bool) -> None:
+    def check_pushed(self, pushes: bool, advice: str) -> None:
         """Check that what shortens the pushes is not asked for without pushes.
 
         Args:
             pushes: Whether the robots are pushed.
+            advice: What to do so that they are.
 
         Raises:
             ValueError: They are not, and an option says how.
@@ -214,7 +215,7 @@ class OnPushes:
         }
         names = [name for name, value in given.items() if value is not None]
         if names and not pushes:
-            raise ValueError(f"{', '.join(names)} without pushes; add --pushes")
+            raise ValueError(f"{', '.join(names)} without pushes; {advice}")
 
     def shortened(self, push: PushConfig) -> PushConfig:
         """The pushes of a run with what the options change.
