@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import tyro
 
@@ -14,6 +14,7 @@ from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import (
     OnCommands,
+    OnDevice,
     OnGait,
     OnSimulator,
     OnWorkers,
@@ -58,7 +59,7 @@ class LearnReport:
 
 
 @dataclass(frozen=True)
-class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
+class Learn(OnWorkers, OnDevice, OnCommands, OnGait, OnSimulator):
     """Learn on a robot behind a bridge with LocoSafeDAGGER; the same command goes on after Ctrl-C.
 
     The first policy is trained in simulation. In each iteration after it the newest policy drives
@@ -93,8 +94,6 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
     """The robot is a twin in lockstep; plans then take effect at once."""
     realtime: bool = False
     """Ask the system for real-time priority, and to stay in memory (Linux, needs the rights to)."""
-    device: Literal["auto", "cpu", "cuda"] | None = None
-    """The device that trains the network; without it, the configured one."""
     json: Path | None = None
     """Write metrics and cost to this file, as JSON."""
     runtime: RuntimeConfig = field(default_factory=RuntimeConfig)
@@ -117,7 +116,8 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         self.check_operator()
         # Before initial states are prepared.
         only_gait(self.config, "learning on a robot", "name one of them with --gait")
-        config = config_for(folder, self.with_commands(self.simulated(self.config)))
+        config = self.with_commands(self.simulated(self.config))
+        config = config_for(folder, self.with_device(config))
         check_config(config)
         run = create(folder, config, resume=(folder / METRICS_FILE).exists())
         check_robots_run(run)

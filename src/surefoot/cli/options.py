@@ -227,6 +227,24 @@ class OnPushes:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OnDevice:
+    """A command that trains a network."""
+
+    device: Literal["auto", "cpu", "cuda"] | None = None
+    """The device that trains the network; without it, the configured one: a GPU if there is one."""
+
+    def with_device(self, config: Config) -> Config:
+        """The configuration, with the device that was asked for.
+
+        Args:
+            config: Configuration with a device of its own.
+        """
+        if self.device is None:
+            return config
+        return replace(config, training=replace(config.training, device=self.device))
+
+
+@dataclass(frozen=True, kw_only=True)
 class OnWorkers:
     """A command whose rollouts are spread over processes; the results do not depend on them."""
 
