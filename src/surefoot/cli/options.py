@@ -16,6 +16,8 @@ from surefoot.workers import Workers, default_workers
 
 MOST_SECONDS = 3600.0
 """[s] No longer time is recorded at once: an hour takes some gigabytes."""
+HIGHEST_PORT = 65535
+"""The largest number of a port."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -281,6 +283,16 @@ def check_seconds(seconds: float, option: str = "--seconds") -> None:
             f"{option} {seconds:g}: use at least {1 / TICKS_PER_SECOND} s, and at most "
             f"{MOST_SECONDS:.0f} s"
         )
+
+
+def check_port(port: int) -> None:
+    """Check the number of a port to listen on, given by --port.
+
+    Raises:
+        ValueError: There is no such port.
+    """
+    if not 0 <= port <= HIGHEST_PORT:
+        raise ValueError(f"--port {port}: use 0 to {HIGHEST_PORT}; 0 takes any free one")
 
 
 def check_velocity(command: Command) -> None:
