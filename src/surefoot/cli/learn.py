@@ -21,7 +21,7 @@ from surefoot.cli.options import (
     check_seconds,
     config_of_gait,
 )
-from surefoot.cli.outputs import Output, check_outputs, check_run_folder
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config, IterativeConfig
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.presets import preset
@@ -111,7 +111,6 @@ class Learn(OnWorkers, OnDevice, OnCommands, OnGait, OnSimulator):
         from surefoot.viz.plots import learning_curves
 
         folder = self.run or Path("runs") / f"learn-{self.preset}"
-        check_run_folder(folder)
         check_outputs(self, [Output("--json", self.json)], new_run=folder)
         self.check_operator()
         # Before initial states are prepared.

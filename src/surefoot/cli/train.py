@@ -21,7 +21,7 @@ from surefoot.cli.options import (
     OnWorkers,
     config_of_gait,
 )
-from surefoot.cli.outputs import Output, check_outputs, check_run_folder
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
 from surefoot.config.presets import preset
@@ -84,7 +84,6 @@ class Train(OnWorkers, OnDevice, OnCommands, OnGait, OnRobot, OnSimulator):
 
         workers = self.spread
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
-        check_run_folder(folder)
         check_outputs(self, [Output("--json", self.json)], new_run=folder)
         if (folder / ATTEMPTS_FILE).exists():
             raise RunError(
