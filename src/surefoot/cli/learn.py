@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -165,20 +166,13 @@ class Learn(OnWorkers, OnDevice, OnCommands, OnGait, OnSimulator):
             Stale: No bridge answers.
             ValueError: It serves another robot, or one that does not measure its base.
         """
-        from surefoot.deploy.bridge import UdpChannel
-        from surefoot.deploy.udp_robot import UdpRobot, parse_address
+        from surefoot.deploy.udp_robot import parse_address, robot_at
         from surefoot.field.planner import PlannerProcess
         from surefoot.field.session import Crew, Unattended, check_bridge
         from surefoot.robots.load import load_robot
         from surefoot.robots.scaling import with_own_values
 
-        peer = parse_address(self.robot)
-        # Any local address is heard from the loopback interface only if the bridge is there too.
-        local = "127.0.0.1" if peer[0].startswith("127.") else "0.0.0.0"
-
-        def connection() -> UdpRobot:
-            return UdpRobot(UdpChannel(local), peer, lockstep=self.lockstep)
-
+        connection = partial(robot_at, parse_address(self.robot), self.lockstep)
         robot = load_robot(run.config.robot)
         check_bridge(connection, robot)
         config = with_own_values(run.config, robot)
