@@ -110,8 +110,9 @@ def test_a_bridge_that_is_not_there_is_one_clear_line(surefoot, tmp_path, capsys
     address = address_text(channel.address)
     channel.close()
     args = ("learn", "--robot", address, "--run", tmp_path / "run", *QUICK)
-    assert surefoot(*args) == 2
+    assert surefoot(*args, "--device", "cpu") == 2
     assert f"surefoot: no bridge answers at {address}" in capsys.readouterr().err
+    assert open_run(tmp_path / "run").config.training.device == "cpu"
 
 
 def test_a_bridge_of_another_robot_is_refused_before_any_work(surefoot, address, tmp_path, capsys):

@@ -246,7 +246,7 @@ def test_a_report_that_cannot_be_written_costs_no_log(
     def full(path, record):
         raise WriteError("the disk is full")
 
-    monkeypatch.setattr("surefoot.cli.options.write_json", full)
+    monkeypatch.setattr("surefoot.cli.episodes.write_json", full)
     log = tmp_path / "log.csv"
     options = ("--seconds", 0.01, "--json", tmp_path / "play.json", "--log", log)
     assert surefoot("play", run_folder, *options) == 2

@@ -29,13 +29,14 @@ class Arguments:
 
     Attributes:
         positional: Arguments that are neither options nor values of options.
-        values: First value of each option that has one, by the option's name.
+        values: Values of each option that has any, by the option's name; as for tyro, an option
+            that is given again has the later ones.
         unknown: Options that the command does not have.
         options: All options with their values.
     """
 
     positional: tuple[str, ...]
-    values: dict[str, str]
+    values: dict[str, list[str]]
     unknown: tuple[str, ...]
     options: tuple[str, ...]
 
@@ -54,7 +55,7 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
     asks_for_help = not {"-h", "--help"}.isdisjoint(args)
     optional = options_that_may_be_none(command)
     positional: list[str] = []
-    values: dict[str, str] = {}
+    values: dict[str, list[str]] = {}
     unknown: list[str] = []
     options: list[str] = []
     position = 0
@@ -70,21 +71,21 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
         if name not in sizes:
             unknown.append(name)
         if equals:
-            values[name] = value
+            values[name] = [value]
             continue
         # An option that does not exist is refused later; most options take one value.
         size = sizes.get(name, 1)
         if name in optional and args[position : position + 1] == ["None"]:
             size = 1
         after = args[position : position + size]
-        given = list(takewhile(lambda word: not word.startswith("--"), after))
+        given = list(takewhile(lambda word: not word.startswith("--") and word != "-h", after))
         if 1 < size < ANY_NUMBER and len(given) < size and not asks_for_help:
             raise ValueError(
                 f"{name} takes {size} values, such as {name} {' '.join('0' * (size - 1))} 0.3; "
                 f"this has {len(given)}: {' '.join([argument, *given])}"
             )
         if given:
-            values[name] = given[0]
+            values[name] = given
         options += given
         position += len(given)
     return Arguments(tuple(positional), values, tuple(unknown), tuple(options))

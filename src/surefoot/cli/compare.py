@@ -15,9 +15,8 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.evaluate import own_disturbance
-from surefoot.cli.options import OnHardware, OnSimulator, OnWorkers
+from surefoot.cli.options import OnHardware, OnPushes, OnSimulator, OnWorkers
 from surefoot.cli.outputs import Output, check_outputs
-from surefoot.cli.push_options import OnPushes
 from surefoot.config import Backend, DisturbanceConfig, SimulationConfig
 
 
@@ -86,7 +85,7 @@ class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
         check_outputs(self, outputs)
         if self.out is not None:
             page_with("", self.out)
-        self.check_pushed(self.pushes)
+        self.check_pushed(self.pushes, "leave --no-pushes out")
         simulators = get_args(Backend) if self.sim is None else (self.sim,)
         for simulator in simulators:
             try:

@@ -11,15 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import tyro
 
+from surefoot.cli.episodes import film_episode, show_record, warn_of_divergence
 from surefoot.cli.options import (
     OnHardware,
     OnSimulator,
     OnTerrain,
     check_seconds,
     check_velocity,
-    film_episode,
-    show_record,
-    warn_of_divergence,
 )
 from surefoot.cli.outputs import Output, check_outputs, film_outputs
 from surefoot.cli.progress import seconds_bar

@@ -48,9 +48,11 @@ class Terrains(OnWorkers, OnSimulator):
         """Measure what is missing, write the table where asked, and print it."""
         from surefoot.config.json_io import read_record
         from surefoot.config.study import EXPERT
-        from surefoot.runs.policies import find_policy, prepared_for
+        from surefoot.runs.policies import find_policy
+        from surefoot.runs.run import run_of_policy
         from surefoot.scenarios.gains import with_measured_gain
         from surefoot.scenarios.gaits import all_starts_of
+        from surefoot.scenarios.prepare import completed
         from surefoot.study.markdown_text import page_with, write_page
         from surefoot.study.terrain_table import (
             TerrainTable,
@@ -82,7 +84,9 @@ class Terrains(OnWorkers, OnSimulator):
                     f"{name} is a policy of another robot or other gaits than {names[0]}; give "
                     "them tables of their own"
                 )
-        config = self.simulated(prepared_for(path, config))
+        if run_of_policy(path) is None:
+            config = completed(config)
+        config = self.simulated(config)
         all_starts_of(config)
         evaluation = replace(config.evaluation, episodes=self.episodes)
         config = with_measured_gain(replace(config, evaluation=evaluation))

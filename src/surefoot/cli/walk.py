@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from surefoot.cli.command_line import read_options
+from surefoot.cli.episodes import film_episode, show_record, warn_of_divergence
 from surefoot.cli.options import (
     OnGait,
     OnHardware,
@@ -19,9 +20,6 @@ from surefoot.cli.options import (
     check_seconds,
     check_velocity,
     config_of_gait,
-    film_episode,
-    show_record,
-    warn_of_divergence,
 )
 from surefoot.cli.outputs import Output, check_outputs, film_outputs
 from surefoot.cli.progress import seconds_bar
