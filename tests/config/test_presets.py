@@ -16,16 +16,14 @@ from surefoot.config import (
     Gait,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
-    OtherGait,
     PolicyConfig,
     RobotConfig,
     SafeDaggerConfig,
     SafetyConfig,
     SimulationConfig,
 )
-from surefoot.config.gait_table import GAITS
 from surefoot.config.learning import Steps
-from surefoot.config.presets import PRESETS, ground_for, preset, with_earlier_ground, with_ground
+from surefoot.config.presets import PRESETS, ground_for, preset, with_ground
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
 
@@ -206,18 +204,3 @@ def test_the_ground_is_written_down_where_there_is_a_terrain():
     assert with_ground(hills).expert.ground == "feet"
     assert with_ground(published).expert.ground == "level"
     assert with_ground(chosen) == chosen
-
-
-def test_a_run_on_a_terrain_that_says_nothing_of_its_ground_planned_on_level_ground():
-    bound = GAITS["bound"]
-    pronk = OtherGait(GAITS["pronk"])
-    hills = Config(
-        simulation=SimulationConfig(terrain="slope:5"),
-        other_gaits=(OtherGait(bound, ExpertConfig()), pronk),
-    )
-    read = with_earlier_ground(hills)
-    assert read.expert.ground == "level"
-    assert read.other_gaits == (OtherGait(bound, ExpertConfig(ground="level")), pronk)
-    assert with_earlier_ground(Config()) == Config()
-    felt = replace(hills, expert=ExpertConfig(ground="feet"), other_gaits=())
-    assert with_earlier_ground(felt) == felt

@@ -15,7 +15,6 @@ from surefoot.config import (
     CommandBox,
     Config,
     DisturbanceConfig,
-    ExpertConfig,
     ExpertData,
     Gait,
     IterativeConfig,
@@ -193,29 +192,6 @@ def with_ground(config: Config) -> Config:
     if config.simulation.terrain is None or config.expert.ground is not None:
         return config
     return replace(config, expert=replace(config.expert, ground=ground_for(config)))
-
-
-def with_earlier_ground(config: Config) -> Config:
-    """The configuration of an existing run, with the ground that its expert plans on.
-
-    Since the ground became an option, a run on a terrain has stored it. An earlier run planned on
-    level ground, and continues to.
-
-    Args:
-        config: The configuration as it is in the run's file.
-    """
-    if config.simulation.terrain is None:
-        return config
-    others = tuple(
-        other if other.expert is None else replace(other, expert=_on_level(other.expert))
-        for other in config.other_gaits
-    )
-    return replace(config, expert=_on_level(config.expert), other_gaits=others)
-
-
-def _on_level(expert: ExpertConfig) -> ExpertConfig:
-    """The same expert, on level ground if it has no other."""
-    return expert if expert.ground is not None else replace(expert, ground="level")
 
 
 def rules_for(config: Config) -> Rules:

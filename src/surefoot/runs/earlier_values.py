@@ -11,7 +11,7 @@ from surefoot.config.robot_table import ROBOTS
 from surefoot.config.robots import RobotSpec
 from surefoot.robots.identity import description_hash
 from surefoot.robots.joint_bounds import RANGES, with_ranges
-from surefoot.robots.load import find_profile, find_spec, load_robot
+from surefoot.robots.load import find_spec, load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 
@@ -40,7 +40,7 @@ def with_values_of(before: Config, config: Config) -> Config:
     if not config.safety.joints and stored.joints:
         safety = _with_new_ranges(stored, config.safety, load_robot(config.robot))
         config = replace(config, safety=safety)
-    config = _with_earlier_profile(before, with_own_values(config))
+    config = with_own_values(config)
     if stored.joints and config.safety.joints == stored.joints:  # then the ranges have no effect
         ranges = {name: vars(stored)[name] for name in RANGES}
         config = replace(config, safety=replace(config.safety, **ranges))
@@ -61,20 +61,6 @@ def _spec_of(before: Config, spec: RobotSpec | None) -> RobotSpec | None:
     except ValueError:
         return earlier
     return earlier if now == own else spec
-
-
-def _with_earlier_profile(before: Config, config: Config) -> Config:
-    """The configuration with the profile as an earlier version stored it, if it is the same.
-
-    Earlier versions stored only the name of the profile's file.
-    """
-    earlier = before.robot
-    if earlier.profile is None or earlier.profile_spec is not None:
-        return config
-    if find_profile(earlier) != find_profile(config.robot):
-        return config
-    robot = replace(config.robot, profile=earlier.profile, profile_spec=None)
-    return replace(config, robot=robot)
 
 
 def _with_new_ranges(before: SafetyConfig, safety: SafetyConfig, robot: RobotModel) -> SafetyConfig:

@@ -18,7 +18,6 @@ import numpy as np
 from surefoot.config import Config, method_name
 from surefoot.config.json_io import changes_text, from_json, to_json
 from surefoot.config.json_text import read_file
-from surefoot.config.presets import with_earlier_ground
 from surefoot.files import lock_file, whole_name, write_atomic, write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
@@ -344,7 +343,7 @@ def open_run(folder: Path | str) -> Run:
     """
     folder = Path(folder)
     setup = read_setup(folder)
-    config = with_own_starts(folder, with_earlier_ground(setup.config))
+    config = with_own_starts(folder, setup.config)
     return Run(folder, with_own_robot(folder, config), setup.precision)
 
 
