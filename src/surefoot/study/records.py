@@ -19,7 +19,7 @@ from surefoot.evaluation.push_limits import PushDifference, PushLimits, PushResu
 from surefoot.evaluation.robustness import Robustness, VelocityError
 from surefoot.evaluation.statistics import Interval, PairedDifference
 from surefoot.files import write_json
-from surefoot.runs.accounting import RunCost
+from surefoot.runs.run_cost import RunCost
 
 Nodes = tuple[int, int]
 """Number of centroidal and of kinematic nodes, 50 ms apart."""

@@ -15,7 +15,7 @@ from surefoot.evaluation.push_limits import PushDifference, PushResult
 from surefoot.evaluation.report import disturbances
 from surefoot.evaluation.robustness import Robustness, VelocityError
 from surefoot.evaluation.statistics import Interval, PairedDifference, wilson
-from surefoot.runs.accounting import RunCost
+from surefoot.runs.run_cost import RunCost
 from surefoot.study.records import (
     Comparison,
     Difference,
