@@ -21,7 +21,6 @@ from surefoot.runs.initial_states import resumed_config
 from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import StageRecord, best_iteration
 from surefoot.runs.run import CONFIG_FILE, Run, open_run
-from surefoot.runs.setup import read_setup
 from surefoot.scenarios.starts import PACKAGED
 from surefoot.study.cells import Cell, cells_of, measurements_of
 from surefoot.study.folder import (
@@ -186,7 +185,7 @@ def _asked_of(setup: StudySetup, cell: Cell, run: Run) -> Config:
     if spec and asked.robot.spec and replace(asked.robot.spec, urdf=spec.urdf) == spec:
         # Likewise, the results have their own copy of the robot's description.
         asked = replace(asked, robot=replace(asked.robot, spec=spec))
-    return resumed_config(asked, run.config, read_setup(run.folder).starts_hash)
+    return resumed_config(asked, run.config, run.setup.starts_hash)
 
 
 def _is_complete(study: StudyConfig, result: CellResult) -> bool:
