@@ -9,10 +9,17 @@ import pytest
 
 import surefoot.files
 import surefoot.runs.metrics as metrics_module
-from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig, SimulationConfig
+from surefoot.config import (
+    BehaviorCloningConfig,
+    Config,
+    DaggerConfig,
+    LocoDaggerConfig,
+    LocoSafeDaggerConfig,
+    SimulationConfig,
+)
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.metrics import Best
-from surefoot.runs.run import RunError, create, open_run, run_of_policy
+from surefoot.runs.run import Run, RunError, create, open_run, run_of_policy
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import load_starts, save_starts, starts_of
 from tests.fakes.learning import FLOAT32
@@ -89,6 +96,13 @@ def test_a_run_on_a_terrain_writes_down_the_ground_it_plans_on_and_one_without_d
         values = json.loads((tmp_path / name / "config.json").read_text())
         written[name] = values["config"]["expert"]["ground"]
     assert written == {"level": None, "hills": "feet"}
+
+
+def test_parameters_are_those_of_the_runs_method(tmp_path):
+    run = Run(tmp_path, replace(Config(), method=DaggerConfig(p=0.25)))
+    assert run.parameters(DaggerConfig).p == 0.25
+    with pytest.raises(TypeError, match="configured for dagger, not for loco_dagger"):
+        run.parameters(LocoDaggerConfig)
 
 
 def test_a_folder_may_be_given_as_text(tmp_path):

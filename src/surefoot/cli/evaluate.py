@@ -95,7 +95,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
     def __call__(self) -> int:
         """Evaluate, write the report where asked, and print each result as soon as it is there."""
         from surefoot.evaluation.report import check_disturbances
-        from surefoot.runs.checks import warn_of_own_expert
+        from surefoot.runs.own_expert import warn_of_own_expert
         from surefoot.runs.policies import find_policy, prepared_for
         from surefoot.runs.run import run_of_policy
         from surefoot.scenarios.gaits import all_starts_of

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from surefoot.config import Config, method_name
+from surefoot.config import Config, MethodConfig, method_name
 from surefoot.config.json_io import changes_text, from_json, to_json
 from surefoot.config.json_text import read_file
 from surefoot.files import whole_name, write_atomic, write_json
@@ -57,6 +57,7 @@ from surefoot.runs.versions import changed_versions, versions
 from surefoot.scenarios.seeds import seed_of
 
 Record = TypeVar("Record", bound=StageRecord)
+Parameters = TypeVar("Parameters", bound=MethodConfig)
 
 
 class Run:
@@ -149,6 +150,20 @@ class Run:
     def precision(self) -> PrecisionChoice | None:
         """The number format that was chosen when the run began, or None (`runs.precision`)."""
         return self.setup.precision
+
+    def parameters(self, kind: type[Parameters]) -> Parameters:
+        """The method's parameters.
+
+        Args:
+            kind: The class of the parameters, one for each method.
+
+        Raises:
+            TypeError: The run was configured for another method.
+        """
+        method = self.config.method
+        if not isinstance(method, kind):
+            raise TypeError(f"this run is configured for {self.method}, not for {kind.name}")
+        return method
 
     def seed(self, purpose: str, iteration: int) -> np.random.SeedSequence:
         """Seed of an iteration's draws for one purpose, derived from the root seed."""

@@ -25,11 +25,11 @@ from surefoot.learning.train import FitResult, fit
 from surefoot.rollouts.jobs import Job, expert_name
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.budget import SECONDS_PER_SOLVE, allowance
-from surefoot.runs.checks import check_expert, remember_expert
 from surefoot.runs.collecting import Limit, PlayChunks, run_and_store, simulate_chunks
 from surefoot.runs.collection_cost import collection_cost
 from surefoot.runs.episode_ids import end_of_iteration
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
+from surefoot.runs.own_expert import check_expert, remember_expert
 from surefoot.runs.policies import fitted_policy, load_policy
 from surefoot.runs.precision import kept_precision
 from surefoot.runs.progress import epochs_bar
