@@ -13,7 +13,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
@@ -26,7 +25,7 @@ from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Backend, Config, PolicyConfig, SimulationConfig
 from surefoot.errors import unknown
 from surefoot.files import write_json
-from surefoot.runs.versions import PACKAGES
+from surefoot.runs.versions import PACKAGES, installed
 
 TIMEOUT = 900.0
 """[s] for one check; the first plan on a machine compiles, for a minute on a slow one."""
@@ -289,7 +288,7 @@ def examine_machine(backend: Backend = "mujoco") -> DoctorReport:
     python = platform.python_version()
     system = platform.platform()
     print(f"Python {python} on {system}")
-    packages = {package: _version(package) for package in PACKAGES}
+    packages = {package: installed(package) for package in PACKAGES}
     for package, number in packages.items():
         print(f"  {package:<10} {number or f'missing: pip install {package}'}")
     print("extras:")
@@ -333,14 +332,6 @@ def check_parts(backend: Backend, known: Sequence[Extra]) -> list[PartReport]:
             if check == CACHE:
                 break
     return parts
-
-
-def _version(package: str) -> str | None:
-    """The version of a package; None if it is not installed."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
 
 
 def main(name: str) -> None:
