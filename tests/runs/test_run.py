@@ -18,8 +18,9 @@ from surefoot.config import (
     SimulationConfig,
 )
 from surefoot.robots.scaling import with_own_values
+from surefoot.runs.layout import RunError
 from surefoot.runs.metrics import Best
-from surefoot.runs.run import Run, RunError, create, open_run, run_of_policy
+from surefoot.runs.run import Run, create, open_run, run_of_policy
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import load_starts, save_starts, starts_of
 from tests.fakes.learning import FLOAT32

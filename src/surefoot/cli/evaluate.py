@@ -309,7 +309,8 @@ def own_disturbance(target: Path) -> DisturbanceConfig:
     Args:
         target: Folder of a run, or a policy file; what is neither is refused later.
     """
-    from surefoot.runs.run import CONFIG_FILE, open_run, run_of_policy
+    from surefoot.runs.layout import CONFIG_FILE
+    from surefoot.runs.run import open_run, run_of_policy
 
     if (target / CONFIG_FILE).exists():
         return open_run(target).config.evaluation.disturbance

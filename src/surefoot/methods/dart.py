@@ -29,8 +29,9 @@ from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, disturbance_of
 from surefoot.runs.budget import iterations_within_budget
 from surefoot.runs.checks import check_config
+from surefoot.runs.layout import RunError
 from surefoot.runs.policies import load_policy
-from surefoot.runs.run import Run, RunError
+from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
     disturbance_in,
     draw_starts,

@@ -21,7 +21,8 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.budget import affordable_part
 from surefoot.runs.episode_ids import shard_name
-from surefoot.runs.run import Run, RunError
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import Run
 from surefoot.workers import Workers, each_chunk
 
 PlayChunks = Callable[[Sequence[Job], Workers, str], Generator[tuple[int, ChunkResult]]]

@@ -29,9 +29,10 @@ from surefoot.methods import METHODS
 from surefoot.mpc.gaits import names_of
 from surefoot.robots.identity import description_hash
 from surefoot.rollouts.jobs import PLANNER
+from surefoot.runs.layout import RunError
 from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.policies import find_policy
-from surefoot.runs.run import Run, RunError, open_run
+from surefoot.runs.run import Run, open_run
 from surefoot.runs.run_cost import run_cost
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.records import Row

@@ -18,9 +18,9 @@ from surefoot.config.study import StudyConfig
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.first_stage import without_files
 from surefoot.runs.initial_states import resumed_config
-from surefoot.runs.layout import KEPT_POLICY_FILE
+from surefoot.runs.layout import CONFIG_FILE, KEPT_POLICY_FILE
 from surefoot.runs.metrics import StageRecord, best_iteration
-from surefoot.runs.run import CONFIG_FILE, Run, open_run
+from surefoot.runs.run import Run, open_run
 from surefoot.scenarios.starts import PACKAGED
 from surefoot.study.cells import Cell, cells_of, measurements_of
 from surefoot.study.folder import (
