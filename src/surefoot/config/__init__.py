@@ -9,7 +9,7 @@ check themselves when they are made (`surefoot.config.checked`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from surefoot.config.budget import BudgetConfig
 from surefoot.config.checked import Checked, Within
@@ -126,8 +126,6 @@ class Config(Checked):
         ValueError: A field is out of its range, there are more than `MOST_GAITS` gaits, or one of
             them is there twice.
     """
-
-    section: ClassVar[str] = ""
 
     method: MethodConfig = field(default_factory=LocoSafeDaggerConfig)
     seed: Annotated[int, Within(0, 2**63 - 1)] = 0

@@ -89,8 +89,8 @@ def run_and_store(
     iteration: int,
     job: Job,
     workers: Workers,
-    limit: Limit | None = None,
-    play: PlayChunks = simulate_chunks,
+    limit: Limit | None,
+    play: PlayChunks,
 ) -> Summary | None:
     """Run the chunks of a job that are not stored yet, and store each as soon as it is done.
 
