@@ -109,7 +109,6 @@ __all__ = [
     "TeachingSplit",
     "TrainingConfig",
     "method_config",
-    "method_name",
     "simulated",
 ]
 
@@ -190,8 +189,3 @@ class Config(Checked):
 def simulated(config: Config, backend: Backend) -> Config:
     """The configuration, on another simulator."""
     return replace(config, simulation=replace(config.simulation, backend=backend))
-
-
-def method_name(config: Config) -> str:
-    """The key in `METHODS` of the configured method."""
-    return config.method.name

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from surefoot.config import Config, MethodConfig, method_name
+from surefoot.config import Config, MethodConfig
 from surefoot.config.json_io import changes_text, from_json, to_json
 from surefoot.config.json_text import read_file
 from surefoot.files import whole_name, write_atomic, write_json
@@ -144,7 +144,7 @@ class Run:
     @property
     def method(self) -> str:
         """Name of the run's method."""
-        return method_name(self.config)
+        return self.config.method.name
 
     @property
     def precision(self) -> PrecisionChoice | None:
