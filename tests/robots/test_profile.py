@@ -83,12 +83,12 @@ def test_what_a_file_holds_is_kept_in_the_configuration(tmp_path):
     assert (run.robot.profile, run.robot.profile_spec) == ("weak", WEAK)
     assert from_json(Config, to_json(run)) == run
     assert with_own_values(run) == run
-    assert with_values_of(run, asked) == run
+    assert with_values_of(asked, run) == run
     file.write_text(json.dumps(to_json(replace(WEAK, torque_limit=(0.2, 0.2, 0.2)))))
-    assert with_values_of(run, asked) != run
+    assert with_values_of(asked, run) != run
     file.unlink()
     assert load_robot(run.robot).torque_limit.max() == 1.0
-    assert with_values_of(run, Config()) == run
+    assert with_values_of(Config(), run) == run
     packaged = with_own_values(Config(robot=RobotConfig(profile="odri"))).robot
     assert (packaged.profile, packaged.profile_spec) == ("odri", None)
     assert load_robot(with_profile(run.robot, "odri")).torque_limit.max() == 1.8
