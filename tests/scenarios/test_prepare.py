@@ -20,8 +20,8 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.config.checked import known
+from surefoot.config.expert_rules import TROT_GAIN
 from surefoot.config.json_io import to_json
-from surefoot.config.presets import TROT_GAIN
 from surefoot.config.profiles import ODRI
 from surefoot.config.robot_table import GO2
 from surefoot.config.single_gaits import each_gait

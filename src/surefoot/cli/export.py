@@ -84,7 +84,7 @@ class Export(OnHardware):
 
     def __call__(self) -> int:
         """Write the files."""
-        from surefoot.config.presets import STRAIGHT_TROT
+        from surefoot.config.expert_rules import STRAIGHT_TROT
         from surefoot.interop.cards import card_path, write_policy_card
         from surefoot.interop.onnx.file import describe, network_model, write_onnx
         from surefoot.interop.onnx.pipeline import exploy_keys, pipeline_model

@@ -19,7 +19,7 @@ import numpy as np
 
 from surefoot.bench.plan import Times, cold_plans, times_of
 from surefoot.config import Backend, Config, PushConfig, simulated
-from surefoot.config.presets import published_rules
+from surefoot.config.expert_rules import published_rules
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.push_limits import PushLimits
 from surefoot.evaluation.robustness import evaluate
