@@ -18,7 +18,8 @@ _settle_caches()
 _HOME = {
     "config": ("Config", "HandBack"),
     "config.robots": ("RobotSpec",),
-    "config.presets": ("preset", "published_rules"),
+    "config.presets": ("preset",),
+    "config.expert_rules": ("published_rules",),
     "types": ("Command", "State", "MotionPlan", "Controller"),
     "robots.model": ("RobotModel", "standing"),
     "robots.solo12": ("solo12",),

@@ -5,8 +5,8 @@
 
 from surefoot.config import Config as Config
 from surefoot.config import HandBack as HandBack
+from surefoot.config.expert_rules import published_rules as published_rules
 from surefoot.config.presets import preset as preset
-from surefoot.config.presets import published_rules as published_rules
 from surefoot.config.robots import RobotSpec as RobotSpec
 from surefoot.evaluation.push import push_recovery as push_recovery
 from surefoot.evaluation.push_limits import PushResult as PushResult

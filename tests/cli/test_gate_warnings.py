@@ -13,7 +13,8 @@ from surefoot.evaluation.gate_warnings import FallWarnings, RunWarnings, warning
 from surefoot.learning.classifier import Classifier, ClassifierQuality, save_classifier
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy, save
-from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import Run, create, open_run
 from tests.fakes.learning import FLOAT32, spec_of
 
 SMALL = PolicyConfig(hidden=(4,))

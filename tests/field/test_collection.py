@@ -27,8 +27,9 @@ from surefoot.methods.loco_safe_dagger import collection
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.runs import collecting
+from surefoot.runs.layout import RunError
 from surefoot.runs.policies import PACKAGED_POLICY
-from surefoot.runs.run import Run, RunError, create
+from surefoot.runs.run import Run, create
 from surefoot.types import Command
 from surefoot.viz.replay import recorded_episode
 from surefoot.workers import Workers

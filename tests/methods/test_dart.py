@@ -12,7 +12,8 @@ from surefoot.methods.dart import learner_error
 from surefoot.rollouts.jobs import chunks_of, play_out, run_chunk
 from surefoot.runs.budget import solves_of
 from surefoot.runs.checks import check_config
-from surefoot.runs.run import RunError, create
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import create
 from tests.fakes import toy
 from tests.fakes.runs import collected
 from tests.fakes.toy_runs import CONFIG, LIMIT, METHODS, answers, collection, run_method

@@ -17,7 +17,8 @@ from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.budget import solves_of
 from surefoot.runs.checks import check_config
 from surefoot.runs.first_stage import first_stage
-from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.sampling import draw_starts, expert_rollouts
 from surefoot.runs.stages import collect_data
 from surefoot.workers import Workers

@@ -23,7 +23,8 @@ from surefoot.learning.samples import BLOCK, WIDTH, TrainingSamples
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.rollouts.jobs import ChunkResult, Job, run_chunk
-from surefoot.runs.run import Run, RunError, create, open_run, run_of_policy
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import Run, create, open_run, run_of_policy
 from surefoot.workers import Workers
 from tests.cases import first_often
 from tests.fakes.runs import fingerprint

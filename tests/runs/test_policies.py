@@ -22,8 +22,9 @@ from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.mpc.gaits import numbers_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import own_values, with_own_values
+from surefoot.runs.layout import RunError
 from surefoot.runs.policies import find_policy, safety_bounds
-from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.run import Run, create, open_run
 from surefoot.scenarios import prepare as prepare_module
 from surefoot.scenarios.starts import starts_of
 from surefoot.workers import Workers

@@ -26,7 +26,8 @@ from surefoot.methods.behavior_cloning import behavior_cloning, collection
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
-from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.stages import choose_best_policy, collect_data, training_data
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.types import MotionPlan

@@ -24,7 +24,7 @@ from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.summary import Summary, join_summaries
-from surefoot.runs.accounting import collection_cost
+from surefoot.runs.collection_cost import collection_cost
 from surefoot.runs.run import create, open_run
 from surefoot.scenarios.starts import PACKAGED, load_starts
 from surefoot.study.comparable import label_of

@@ -14,8 +14,9 @@ from surefoot.config.studies import named_study
 from surefoot.files import write_json
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.initial_states import keep_starts
+from surefoot.runs.layout import CONFIG_FILE
 from surefoot.runs.metrics import format_line
-from surefoot.runs.run import CONFIG_FILE, Run, open_run
+from surefoot.runs.run import Run, open_run
 from surefoot.runs.setup import Setup
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.cells import cells_of, jobs_of, measured_options

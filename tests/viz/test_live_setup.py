@@ -8,8 +8,8 @@ import pytest
 from surefoot.bench.engine import standing_policy
 from surefoot.config import CommandBox, Config, RobotConfig
 from surefoot.config.checked import known
+from surefoot.config.expert_rules import ALL_ROUND_RULES
 from surefoot.config.json_io import to_json
-from surefoot.config.presets import ALL_ROUND
 from surefoot.config.robot_table import GO2, SOLO12
 from surefoot.config.single_gaits import each_gait
 from surefoot.files import write_json
@@ -59,8 +59,8 @@ def test_an_expert_drives_both_ways():
 def test_a_trot_that_turns_has_the_rules_of_a_whole_box():
     """Solo12's first rules, for straight ahead, let it drift outward in a turn."""
     expert = expert_setup(Config(), "solo12", "trot").config.expert
-    assert expert.turn_compensation == ALL_ROUND.turn_compensation
-    assert expert.capture_share == ALL_ROUND.capture_share
+    assert expert.turn_compensation == ALL_ROUND_RULES["turn_compensation"]
+    assert expert.capture_share == ALL_ROUND_RULES["capture_share"]
 
 
 @pytest.fixture

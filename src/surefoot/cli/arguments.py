@@ -53,7 +53,8 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
     """
     sizes = {"-h": 0, "--help": 0} | option_sizes(command)
     asks_for_help = not {"-h", "--help"}.isdisjoint(args)
-    optional = options_that_may_be_none(command)
+    # "None" is then the only word of the option's value.
+    optional = {name for name, _, may_be_none in _options(command) if may_be_none}
     positional: list[str] = []
     values: dict[str, list[str]] = {}
     unknown: list[str] = []
@@ -108,15 +109,6 @@ def option_sizes(command: type) -> dict[str, int]:
         else:
             sizes[name] = _number_of_values(kind)
     return sizes
-
-
-def options_that_may_be_none(command: type) -> set[str]:
-    """The options of a command whose value may be None, which is then the only word of it.
-
-    Args:
-        command: Dataclass whose fields are options.
-    """
-    return {name for name, _, may_be_none in _options(command) if may_be_none}
 
 
 def option_choices(command: type) -> dict[str, tuple[str, ...]]:

@@ -14,7 +14,6 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
@@ -27,7 +26,7 @@ from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Backend, Config, PolicyConfig, SimulationConfig
 from surefoot.errors import unknown
 from surefoot.files import write_json
-from surefoot.runs.versions import PACKAGES
+from surefoot.runs.versions import PACKAGES, installed
 
 TIMEOUT = 900.0
 """[s] for one check; the first plan on a machine compiles, for a minute on a slow one."""
@@ -288,7 +287,7 @@ def examine_machine(backend: Backend = "mujoco") -> DoctorReport:
     python = platform.python_version()
     system = platform.platform()
     print(f"Python {python} on {system}")
-    packages = {package: _version(package) for package in PACKAGES}
+    packages = {package: installed(package) for package in PACKAGES}
     for package, number in packages.items():
         print(f"  {package:<10} {number or f'missing: pip install {package}'}")
     print("extras:")
@@ -339,14 +338,6 @@ def examine(check: Check, lacking: Mapping[str, str]) -> PartReport:
     if finding.works:
         return PartReport(check.name, "works", finding.line)
     return PartReport(check.name, "fails", finding.line, remedy_of(check, finding))
-
-
-def _version(package: str) -> str | None:
-    """The version of a package; None if it is not installed."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
 
 
 def main(name: str) -> None:

@@ -89,7 +89,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
     def __call__(self) -> int:
         """Evaluate, write the report where asked, and print each result as soon as it is there."""
         from surefoot.evaluation.report import check_disturbances
-        from surefoot.runs.checks import warn_of_own_expert
+        from surefoot.runs.own_expert import warn_of_own_expert
         from surefoot.runs.policies import find_policy
         from surefoot.runs.run import run_of_policy
         from surefoot.scenarios.gaits import all_starts_of
@@ -304,7 +304,8 @@ def own_disturbance(target: Path) -> DisturbanceConfig:
     Args:
         target: Folder of a run, or a policy file; what is neither is refused later.
     """
-    from surefoot.runs.run import CONFIG_FILE, open_run, run_of_policy
+    from surefoot.runs.layout import CONFIG_FILE
+    from surefoot.runs.run import open_run, run_of_policy
 
     if (target / CONFIG_FILE).exists():
         return open_run(target).config.evaluation.disturbance

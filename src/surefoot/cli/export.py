@@ -106,7 +106,7 @@ class Export(OnHardware):
 
     def __call__(self) -> int:
         """Write the files."""
-        from surefoot.config.presets import STRAIGHT_TROT
+        from surefoot.config.expert_rules import STRAIGHT_TROT
         from surefoot.interop.cards import write_policy_card
         from surefoot.interop.onnx.file import write_onnx
         from surefoot.learning.policy import load

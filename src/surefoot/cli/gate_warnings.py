@@ -84,7 +84,7 @@ def last_gate(run: Run) -> int:
     Raises:
         RunError: There is none.
     """
-    from surefoot.runs.run import RunError
+    from surefoot.runs.layout import RunError
 
     last = None
     iteration = 0

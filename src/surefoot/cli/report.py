@@ -45,7 +45,7 @@ class Report:
 
     def __call__(self) -> int:
         """Read the results, write the page, and say where it is."""
-        from surefoot.runs.run import CONFIG_FILE
+        from surefoot.runs.layout import CONFIG_FILE
         from surefoot.runs.setup import has_setup
         from surefoot.study.layout import PAGE_FILE, STUDY_FILE
         from surefoot.study.markdown_text import page_with

@@ -13,7 +13,7 @@ import numpy as np
 
 from surefoot.config import Config, ExpertConfig, Gait
 from surefoot.config.checked import check_values, known
-from surefoot.config.presets import ground_for, with_rules
+from surefoot.config.expert_rules import ground_for, with_rules
 from surefoot.config.single_gaits import each_gait
 from surefoot.mpc.gaits import names_of, only_gait
 from surefoot.mpc.planner import PLAN_TICKS, Planner

@@ -30,9 +30,9 @@ from surefoot.config import (
     SafetyConfig,
 )
 from surefoot.config.checked import known
-from surefoot.config.presets import (
-    ALL_ROUND,
-    FIRST,
+from surefoot.config.expert_rules import (
+    ALL_ROUND_RULES,
+    STRAIGHT_RULES,
     STRAIGHT_TROT,
     TROT_GAIN,
     is_solo12_trot,
@@ -188,7 +188,7 @@ def own_expert(expert: ExpertConfig, robot: RobotModel, gait: Gait | None = None
     """Return an expert's configuration with the robot's own values in place of None.
 
     Command gains that are neither given nor measured are Solo12's for its trot, and 1 otherwise.
-    Rules that are not given are the first ones for Solo12's trot, and the all-round ones otherwise.
+    Rules that are not given are the straight trot's for Solo12's trot, else the all-round ones.
 
     Args:
         expert: The configuration.
@@ -206,7 +206,7 @@ def own_expert(expert: ExpertConfig, robot: RobotModel, gait: Gait | None = None
         capture_time=own.capture_time,
         hip_outward=own.hip_outward,
         command_gain=TROT_GAIN if is_solo12 and trots else (1.0, 1.0, 1.0),
-        **vars(FIRST if is_solo12 and trots else ALL_ROUND),
+        **(STRAIGHT_RULES if is_solo12 and trots else ALL_ROUND_RULES),
     )
 
 

@@ -21,7 +21,8 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.budget import affordable_part
 from surefoot.runs.episode_ids import shard_name
-from surefoot.runs.run import Run, RunError
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import Run
 from surefoot.workers import Workers, each_chunk
 
 PlayChunks = Callable[[Sequence[Job], Workers, str], Generator[tuple[int, ChunkResult]]]
@@ -92,8 +93,8 @@ def run_and_store(
     iteration: int,
     job: Job,
     workers: Workers,
-    limit: Limit | None = None,
-    play: PlayChunks = simulate_chunks,
+    limit: Limit | None,
+    play: PlayChunks,
 ) -> Summary | None:
     """Run the chunks of a job that are not stored yet, and store each as soon as it is done.
 

@@ -37,8 +37,8 @@ from surefoot.robots.load import find_spec, load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
-from surefoot.runs.layout import KEPT_POLICY_FILE
-from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
+from surefoot.runs.layout import CONFIG_FILE, KEPT_POLICY_FILE
+from surefoot.runs.run import Run, open_run, run_of_policy
 from surefoot.types import JOINTS, Array
 
 PACKAGED_POLICY = Path(__file__).parent / "data" / "solo12-trot.safetensors"

@@ -20,8 +20,8 @@ import numpy as np
 from surefoot.caches import user_folder
 from surefoot.config import Config, Gait, PerturbationConfig, SafetyConfig, Split
 from surefoot.config.checked import known
+from surefoot.config.expert_rules import with_ground, with_rules
 from surefoot.config.gait_table import gait_name
-from surefoot.config.presets import with_ground, with_rules
 from surefoot.mpc.gaits import only_gait
 from surefoot.mpc.schedule import stands
 from surefoot.robots.identity import description_hash

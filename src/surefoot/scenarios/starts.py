@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config, Gait, Split
 from surefoot.config.array_io import parse_npz
+from surefoot.config.expert_rules import STRAIGHT_TROT, straight_trot
 from surefoot.config.gait_table import gait_name
 from surefoot.config.json_text import read_file
-from surefoot.config.presets import STRAIGHT_TROT, straight_trot
 from surefoot.config.robot_table import SOLO12
 from surefoot.errors import unknown
 from surefoot.files import write_atomic

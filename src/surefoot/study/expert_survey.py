@@ -17,8 +17,8 @@ from typing import get_args
 
 from surefoot.bench.plan import cold_plans, times_of
 from surefoot.config import Backend, Config, PushConfig, simulated
+from surefoot.config.expert_rules import published_rules
 from surefoot.config.json_io import read_record
-from surefoot.config.presets import published_rules
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import wilson

@@ -20,8 +20,8 @@ from surefoot.evaluation.imitation import ImitationError
 from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
-from surefoot.runs.layout import KEPT_POLICY_FILE, ROBOT_FILE, STARTS_FILES
-from surefoot.runs.run import CONFIG_FILE, Run
+from surefoot.runs.layout import CONFIG_FILE, KEPT_POLICY_FILE, ROBOT_FILE, STARTS_FILES
+from surefoot.runs.run import Run
 from surefoot.runs.setup import read_setup
 from surefoot.study.cells import Cell, StudyJob, cell_config, jobs_of, measured_options
 from surefoot.study.layout import JOBS_FOLDER, JUDGED_FILE, STUDY_FILE, TESTS_FOLDER

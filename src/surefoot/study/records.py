@@ -13,7 +13,7 @@ from surefoot.config import Backend, Config
 from surefoot.evaluation.push_limits import PushDifference, PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.evaluation.statistics import PairedDifference
-from surefoot.runs.accounting import RunCost
+from surefoot.runs.run_cost import RunCost
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from surefoot.evaluation.push_limits import PushDifference, PushResult
 from surefoot.evaluation.report import disturbances
 from surefoot.evaluation.robustness import Robustness, VelocityError
 from surefoot.evaluation.statistics import PairedDifference, wilson
-from surefoot.runs.accounting import RunCost
+from surefoot.runs.run_cost import RunCost
 from surefoot.study.markdown_text import markdown, percent_range
 from surefoot.study.records import (
     Comparison,

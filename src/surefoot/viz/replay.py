@@ -23,10 +23,10 @@ from surefoot.rollouts.jobs import Job, disturbance_of, expert_name, play_out, s
 from surefoot.rollouts.latching import latched_in_words
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import settled_part, velocities
-from surefoot.runs.checks import check_expert
 from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.metrics import Collected
+from surefoot.runs.own_expert import check_expert
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run, open_run, warn_of_versions
 from surefoot.scenarios.starts import Starts, at_rest

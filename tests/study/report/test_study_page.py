@@ -6,7 +6,7 @@ import pytest
 
 from surefoot.config.json_io import read_json, to_json
 from surefoot.files import write_json
-from surefoot.runs.run import CONFIG_FILE
+from surefoot.runs.layout import CONFIG_FILE
 from surefoot.study.folder import Judged, JudgedPrediction, StudyError
 from surefoot.study.layout import JUDGED_FILE
 from surefoot.study.report import verdicts

@@ -21,7 +21,6 @@ from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.layout import ATTEMPTS_FILE, KEPT_POLICY_FILE
 from surefoot.runs.metrics import Collected, StageRecord, Validated, best_iteration
 from surefoot.runs.run import open_run
-from surefoot.runs.setup import read_setup
 from surefoot.study.folder import Tests
 from surefoot.study.layout import TESTS_FOLDER
 from surefoot.study.report.collecting import (
@@ -118,7 +117,7 @@ def run_card(folder: Path) -> RunCard:
         folder=folder,
         method=run.method,
         config=run.config,
-        versions=read_setup(folder).versions,
+        versions=run.setup.versions,
         best_iteration=best,
         is_field_run=is_field_run,
         metrics=metrics,
