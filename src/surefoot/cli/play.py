@@ -123,7 +123,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             simulation=job.config.simulation,
             q=rollouts.q[0, :length],
             expert_drove=None if episode is None else rollouts.expert_drove[0, :length],
-            pushes=push_ticks(job, rollouts),
+            pushes=push_ticks(rollouts),
             ground=rollouts.ground,
         )
         played = "policy" if episode is None else f"episode {episode}"
