@@ -19,10 +19,8 @@ if TYPE_CHECKING:
 
 AXES = ("vx [m/s]", "vy [m/s]", "yaw rate [rad/s]")
 """The sliders of a command."""
-KEYS = ("W and S", "Q and E", "A and D")
-"""The keys that move these sliders up and down."""
 KEY_PAIRS = (("W", "S"), ("Q", "E"), ("A", "D"))
-"""The same keys, one by one."""
+"""The keys that move each slider up and down."""
 KEY_SHARE = 0.1
 """A key moves a slider by this fraction of its range."""
 FIRST_SPEED = 0.2
@@ -104,8 +102,8 @@ class Controls:
             self._gait = self._gui.add_dropdown("gait", tuple(GAITS), hint="key G: the next one")
             self._gait.on_update(lambda _: self._choose())
             self._sliders = [
-                self._gui.add_slider(name, -1.0, 1.0, 0.01, 0.0, hint=f"keys {keys}")
-                for name, keys in zip(AXES, KEYS, strict=True)
+                self._gui.add_slider(name, -1.0, 1.0, 0.01, 0.0, hint=f"keys {' and '.join(pair)}")
+                for name, pair in zip(AXES, KEY_PAIRS, strict=True)
             ]
             for slider in self._sliders:
                 slider.on_update(lambda _: self._tell())
