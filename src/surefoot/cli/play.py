@@ -86,7 +86,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
         from surefoot.rollouts.jobs import play_out
-        from surefoot.viz.film import Recording, in_words
+        from surefoot.viz.film import Recording, command_in_words
         from surefoot.viz.replay import push_ticks, report_episode
 
         check_seconds(self.seconds)
@@ -127,7 +127,8 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             ground=rollouts.ground,
         )
         played = "policy" if episode is None else f"episode {episode}"
-        filmed = film_episode(recording, out, f"{played}, {in_words(Command(*report.command))}")
+        told = command_in_words(Command(*report.command))
+        filmed = film_episode(recording, out, f"{played}, {told}")
         return int(rollouts.failed[0] or self._lacks(filmed))
 
     @property

@@ -31,7 +31,7 @@ from surefoot.robots.model import RobotModel
 from surefoot.robots.profile import beyond_range
 from surefoot.robots.scaling import own_safety, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
-from surefoot.scenarios.boxes import describe, largest_box, walks_enough
+from surefoot.scenarios.boxes import box_in_words, largest_box, walks_enough
 from surefoot.scenarios.gains import NO_GAIN, ZERO, check_goes, measured_gain, with_measured_gain
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.make import (
@@ -102,8 +102,8 @@ def prepare(
         return found
     began = time.perf_counter()
     logger.info(
-        f"{robot.name}, {gait_name(config.gait)}, {describe(config.commands)}: made once, in less "
-        f"than two minutes, and kept in {path}"
+        f"{robot.name}, {gait_name(config.gait)}, {box_in_words(config.commands)}: made once, in "
+        f"less than two minutes, and kept in {path}"
     )
     counts = {size.velocities for size in sizes.values()}
     spread = {count: config.commands.spread(count) for count in sorted(counts)}
@@ -217,14 +217,14 @@ def _refusal(robot: RobotModel, config: Config, commands: Array, up: BoolArray) 
     fell = "; ".join(", ".join(f"{x:.3g}" for x in command) for command in commands[~up][:4])
     text = (
         f"the gait {name} does not walk {robot.name} at these commands: of {len(up)} that are "
-        f"spread over {describe(config.commands)}, it survives {up.sum()} for {SURVIVED:g} s, and "
-        f"falls at (vx, vy, yaw rate) {fell}{'; ...' if (~up).sum() > 4 else ''}"
+        f"spread over {box_in_words(config.commands)}, it survives {up.sum()} for {SURVIVED:g} s, "
+        f"and falls at (vx, vy, yaw rate) {fell}{'; ...' if (~up).sum() > 4 else ''}"
     )
     logger.info("%s; looking for the largest box that it walks", text)
     box = largest_box(robot, config)
     if box is None:
         return GaitError(f"{text}. It falls on the spot, too: use another gait")
-    return GaitError(f"{text}. The largest box that works: {describe(box)}", box)
+    return GaitError(f"{text}. The largest box that works: {box_in_words(box)}", box)
 
 
 def _own_bounds(robot: RobotModel, config: Config) -> SafetyConfig:
@@ -311,8 +311,8 @@ def with_preparation(config: Config, made: Preparation) -> Config:
     """
     if config.commands != made.commands:
         logger.warning(
-            f"the initial states were made for {describe(made.commands)}, but the commands are "
-            f"{describe(config.commands)}: give the same, or prepare these"
+            f"the initial states were made for {box_in_words(made.commands)}, but the commands are "
+            f"{box_in_words(config.commands)}: give the same, or prepare these"
         )
     # The gains are only valid with the rules that they were measured with.
     config = with_rules(config, made.commands)
