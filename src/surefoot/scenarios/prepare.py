@@ -29,7 +29,7 @@ from surefoot.robots.joint_bounds import with_ranges
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.profile import beyond_range
-from surefoot.robots.scaling import own_safety, with_own_values
+from surefoot.robots.scaling import filled, own_safety, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.scenarios.boxes import box_in_words, largest_box, walks_enough
 from surefoot.scenarios.gains import NO_GAIN, ZERO, check_goes, measured_gain, with_measured_gain
@@ -322,21 +322,14 @@ def with_preparation(config: Config, made: Preparation) -> Config:
             f"expert.command_gain is {given}, but the initial states were made with "
             f"{made.command_gain}: robots do not begin in the settled gait of this expert"
         )
-    return _filled(config, made.command_gain, made.safety)
-
-
-def _filled(config: Config, gain: Triple | None, measured: SafetyConfig) -> Config:
-    """The configuration with measured values, and then the robot's own ones, in place of None."""
-    expert = config.expert
-    if expert.command_gain is None:
-        expert = replace(expert, command_gain=gain)
-    safety = config.safety
-    if safety.com_height is None:
-        safety = replace(safety, com_height=measured.com_height)
-    if safety.roll_pitch is None:
-        safety = replace(safety, roll_pitch=measured.roll_pitch)
-    if safety.settled is None:
-        safety = replace(safety, settled=measured.settled)
+    measured = made.safety
+    expert = filled(config.expert, command_gain=made.command_gain)
+    safety = filled(
+        config.safety,
+        com_height=measured.com_height,
+        roll_pitch=measured.roll_pitch,
+        settled=measured.settled,
+    )
     if not safety.joints and measured.joints:
         rows = with_ranges(measured.joints, safety, load_robot(config.robot))
         safety = replace(safety, joints=rows)
