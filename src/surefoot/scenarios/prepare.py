@@ -116,6 +116,8 @@ def prepare(
     if not walks_enough(up):
         raise _refusal(robot, config, commands, up)
     settled = walks.since(int(cycle_instants(config.gait)[0]))
+    cycles = {count: _cycle(settled, up, config, each) for count, each in spread.items()}
+    starts = make_starts(key[:8], config, cycles, perturbation, seed, sizes)
     made = Preparation(
         key=key,
         description=description_hash(robot.spec),
@@ -123,11 +125,8 @@ def prepare(
         gain=gain,
         safety=settled_bounds(robot, _own_bounds(robot, config), settled.of(up)),
         followed=_followed(settled, up, config.gait),
-        seconds=0.0,
+        seconds=round(time.perf_counter() - began, 1),
     )
-    cycles = {count: _cycle(settled, up, config, each) for count, each in spread.items()}
-    starts = make_starts(key[:8], config, cycles, perturbation, seed, sizes)
-    made = replace(made, seconds=round(time.perf_counter() - began, 1))
     _warn_of_walks(robot, config, made, settled.of(up))
     # Another process may have made the same file meanwhile, and may be reading it now.
     found = _find(path, key)
