@@ -17,10 +17,8 @@ from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.sim.terrain import Ground
 from surefoot.types import Command
+from surefoot.viz.colors import EXPERT_COLOR, INK, POLICY_COLOR
 from surefoot.viz.film import (
-    EXPERT_COLOR,
-    INK,
-    POLICY_COLOR,
     UNKNOWN_COLOR,
     Recording,
     command_in_words,

@@ -15,7 +15,7 @@ from subprocess import PIPE
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from PIL import Image, ImageColor, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import gaussian_filter1d
 from tqdm import tqdm
 
@@ -26,6 +26,7 @@ from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import heading, rotation
 from surefoot.sim.terrain import Ground
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray
+from surefoot.viz.colors import EXPERT_COLOR, GRAY, INK, POLICY_COLOR, rgb
 from surefoot.viz.renderer import RenderingUnavailable, child_process, pictures, view_scale
 
 FILM_SUFFIXES = (".mp4",)
@@ -46,16 +47,10 @@ SHEET_HEIGHT = 320
 """[pixels] height of a frame of a contact sheet."""
 PORTRAIT_SIZE = (960, 640)
 """[pixels] width and height of the picture of a robot."""
-EXPERT_COLOR = "#0072B2"
-"""Blue of Okabe and Ito's palette, whose colors color-blind people can tell apart."""
-POLICY_COLOR = "#D55E00"
-"""Vermilion of the same palette."""
-UNKNOWN_COLOR = "#666666"
-"""Gray of the timeline where nobody drove, or where it is unknown who did."""
+UNKNOWN_COLOR = GRAY
+"""Color of the timeline where nobody drove, or where it is unknown who did."""
 WAITING = ("damped", "standing up")
 """What the robot is doing while neither the policy nor the expert drives."""
-INK = "#282D37"
-"""Color of texts and marks."""
 
 
 @dataclass(frozen=True)
@@ -336,11 +331,9 @@ def _draw_timeline(picture: Image.Image, recording: Recording, tick: int) -> Non
     else:
         columns = np.arange(width) * length // width
         by_column = recording.expert_drove[columns, None]
-        expert = ImageColor.getrgb(EXPERT_COLOR)
-        policy = ImageColor.getrgb(POLICY_COLOR)
-        colors = np.where(by_column, expert, policy)
+        colors = np.where(by_column, rgb(EXPERT_COLOR), rgb(POLICY_COLOR))
         if recording.waiting is not None:
-            colors[recording.waiting[columns] >= 0] = ImageColor.getrgb(UNKNOWN_COLOR)
+            colors[recording.waiting[columns] >= 0] = rgb(UNKNOWN_COLOR)
         strip = Image.fromarray(colors[None].astype(np.uint8)).resize((width, thick))
         picture.paste(strip, (0, height - thick))
     for push in recording.pushes:
