@@ -86,7 +86,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
         from surefoot.rollouts.jobs import play_out
-        from surefoot.viz.film import Recording, in_words
+        from surefoot.viz.film import Recording, command_in_words
         from surefoot.viz.replay import push_ticks, report_episode
 
         check_seconds(self.seconds)
@@ -123,11 +123,12 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             simulation=job.config.simulation,
             q=rollouts.q[0, :length],
             expert_drove=None if episode is None else rollouts.expert_drove[0, :length],
-            pushes=push_ticks(job, rollouts),
+            pushes=push_ticks(rollouts),
             ground=rollouts.ground,
         )
         played = "policy" if episode is None else f"episode {episode}"
-        filmed = film_episode(recording, out, f"{played}, {in_words(Command(*report.command))}")
+        told = command_in_words(Command(*report.command))
+        filmed = film_episode(recording, out, f"{played}, {told}")
         return int(rollouts.failed[0] or self._lacks(filmed))
 
     @property

@@ -176,7 +176,7 @@ def _scaled(own: float | None, reference: float | None, factor: float) -> float:
 def own_gait(gait: Gait, robot: RobotModel) -> Gait:
     """Return a gait with the robot's own heights in place of None."""
     own = own_values(robot)
-    return _filled(gait, com_height=own.com_height, step_height=own.step_height)
+    return filled(gait, com_height=own.com_height, step_height=own.step_height)
 
 
 def own_height(gait: Gait, robot: RobotModel) -> float:
@@ -199,7 +199,7 @@ def own_expert(expert: ExpertConfig, robot: RobotModel, gait: Gait | None = None
     is_solo12 = robot.spec == SOLO12
     trots = gait is None or gait.timing == Gait().timing
     expert = replace(expert, kinematic=own_kinematic(expert.kinematic, robot))
-    return _filled(
+    return filled(
         expert,
         kp=own.kp,
         kd=own.kd,
@@ -213,11 +213,16 @@ def own_expert(expert: ExpertConfig, robot: RobotModel, gait: Gait | None = None
 def own_kinematic(kinematic: KinematicConfig, robot: RobotModel) -> KinematicConfig:
     """Return the whole-body problem's configuration with the robot's own values for None."""
     own = own_values(robot)
-    return _filled(kinematic, momentum_weight=own.momentum_weight, base_height=own.base_height)
+    return filled(kinematic, momentum_weight=own.momentum_weight, base_height=own.base_height)
 
 
-def _filled(section: Section, **own: float | tuple[float, ...] | None) -> Section:
-    """Return a part of a configuration with these values in its fields that are None."""
+def filled(section: Section, **own: object) -> Section:
+    """Return a part of a configuration with some values in place of None.
+
+    Args:
+        section: The part.
+        **own: A value for each of some fields by name; those that are given already stay.
+    """
     missing = {name: value for name, value in own.items() if vars(section)[name] is None}
     return replace(section, **missing)
 
@@ -235,8 +240,8 @@ def own_safety(safety: SafetyConfig, com_height: float, robot: RobotModel) -> Sa
         robot: The robot.
     """
     if robot.spec == SOLO12:
-        return _filled(safety, **{name: vars(TABLE_I)[name] for name in OWN_BOUNDS})
-    safety = _filled(
+        return filled(safety, **{name: vars(TABLE_I)[name] for name in OWN_BOUNDS})
+    safety = filled(
         safety,
         com_height=(round(0.75 * com_height, 6), max(1.0, 5.0 * com_height)),
         roll_pitch=TABLE_I.roll_pitch,
@@ -258,7 +263,7 @@ def own_pushes(
     ratio = size_of(robot).mass_ratio
     strong = by_mass(EXPERT_PUSH, ratio)
     push = strong if expert_drives else by_mass(PUSH, ratio)
-    return _filled(config, impulse=push, expert_impulse=strong)
+    return filled(config, impulse=push, expert_impulse=strong)
 
 
 def by_mass(impulse: tuple[float, float], ratio: float) -> tuple[float, float]:
@@ -301,13 +306,13 @@ def _with_own(config: Config, robot: RobotModel) -> Config:
         robot=_own_robot(config.robot, robot),
         gait=gait,
         expert=expert,
-        policy=_filled(config.policy, kp=own.policy_kp, kd=own.policy_kd),
+        policy=filled(config.policy, kp=own.policy_kp, kd=own.policy_kd),
         safety=own_safety(config.safety, known(gait.com_height, "gait.com_height"), robot),
         start_set=start_set,
         collection=own_pushes(config.collection, robot, expert_drives=cloned),
         pretraining=own_pushes(config.pretraining, robot, expert_drives=True),
         evaluation=replace(config.evaluation, disturbance=disturbance),
-        push=_filled(config.push, resolution=level),
+        push=filled(config.push, resolution=level),
     )
 
 

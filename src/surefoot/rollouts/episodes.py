@@ -20,7 +20,7 @@ from surefoot.learning.layouts import LONGEST_HISTORY
 from surefoot.rollouts.outcome import failed
 from surefoot.rollouts.past import Past, join_pasts, with_past
 from surefoot.scenarios.disturbance import Disturbance, join_disturbances
-from surefoot.scenarios.gait_switches import GaitSwitches, gait_table, join_switches
+from surefoot.scenarios.gait_switches import GaitSwitches, gaits_by_tick, join_switches
 from surefoot.scenarios.starts import Starts, join_starts
 from surefoot.scenarios.starts_check import check_starts, checked_ids, with_whole_numbers
 from surefoot.sim.terrain import Ground, join_grounds
@@ -131,7 +131,7 @@ class Episodes:
 
     def gaits_until(self, T: int) -> IntArray:
         """``(B, T)`` the number of the gait that each robot is to walk in the first T ticks."""
-        return gait_table(self.starts.gait, self.switches, T)
+        return gaits_by_tick(self.starts.gait, self.switches, T)
 
 
 def join_episodes(parts: Sequence[Episodes]) -> Episodes:
@@ -230,7 +230,7 @@ class Rollout:
     @property
     def gait(self) -> IntArray:
         """``(B, T)`` the number of the gait that each robot was to walk at each tick."""
-        return gait_table(self.starts.gait, self.switches, self.q.shape[1])
+        return gaits_by_tick(self.starts.gait, self.switches, self.q.shape[1])
 
     @property
     def felt(self) -> State:

@@ -251,7 +251,7 @@ class Page:
         else:
             title = self._setup.title
             gait = gait_text(snapshot, self._setup.gaits)
-            notes.append(self._setup.note)
+            notes.extend(self._setup.notes)
         speed = 0.0 if self.loop.paused else self.loop.pace.speed
         self._instruments.say(
             status_html(

@@ -83,7 +83,6 @@ class LiveSimulation:
 
     Attributes:
         robot: The robot.
-        safety: The bounds.
 
     Raises:
         ValueError: The simulator does not have exactly one robot; or there are several gaits, and a
@@ -104,7 +103,7 @@ class LiveSimulation:
         if simulator.batch != 1:
             raise ValueError(f"a live simulation of {simulator.batch} robots; give it one")
         self.robot: RobotModel = simulator.robot
-        self.safety = safety
+        self._safety = safety
         self._simulator = simulator
         self._damping = damping
         self._expert = expert
@@ -192,7 +191,7 @@ class LiveSimulation:
         if self._plans is not None:
             self._plans.forget()
         self._limp = 0
-        self._falls = Falls(self.safety, 1)
+        self._falls = Falls(self._safety, 1)
         self._ended = ""
         self._expert_drives = self._driver == "expert"
         self._push = np.zeros(2)
