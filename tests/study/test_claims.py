@@ -24,6 +24,7 @@ from surefoot.study.run_statistics import Runs
 from tests.fakes.results import shares
 
 NEWTON_SECONDS = NumberStyle("N s")
+EQUAL = Statement("V-A", "name", "A sentence.", NEWTON_SECONDS)
 
 
 def statement(region, style=NEWTON_SECONDS):
@@ -113,7 +114,7 @@ def test_a_single_run_and_missing_runs_are_named():
         judge_difference(statement(ABOVE_ZERO), sample("A", 1.0), sample("BC")),
         judge_change(statement(ABOVE_ZERO), sample("BC"), sample("BC")),
         judge_extreme(statement(ABOVE_ZERO), sample("A", 1.0), [sample("B", 2.0), sample("BC")]),
-        judge_equal(statement(ABOVE_ZERO), sample("A", 1.0), sample("BC"), 0.1),
+        judge_equal(EQUAL, sample("A", 1.0), sample("BC"), 0.1),
     ],
 )
 def test_what_is_not_measured_yet_cannot_be_told(claim):
@@ -146,13 +147,13 @@ def test_a_far_rival_whose_runs_differ_much_keeps_an_extreme_from_holding():
 
 def test_equality_has_a_margin_of_the_reference():
     reference = sample("BC", 1.0, 1.01, 0.99)
-    same = judge_equal(statement(ABOVE_ZERO), sample("A", 1.02, 1.01, 1.0), reference, 0.1)
+    same = judge_equal(EQUAL, sample("A", 1.02, 1.01, 1.0), reference, 0.1)
     assert same.verdict == "holds"
     assert "between -0.10 and 0.10 N s" in same.reason
     assert "Up to 10 % of the value of BC count as equal." in same.reason
-    other = judge_equal(statement(ABOVE_ZERO), sample("A", 1.3, 1.31, 1.29), reference, 0.1)
+    other = judge_equal(EQUAL, sample("A", 1.3, 1.31, 1.29), reference, 0.1)
     assert other.verdict == "does not hold"
-    unclear = judge_equal(statement(ABOVE_ZERO), sample("A", 0.8, 1.2, 1.0), reference, 0.1)
+    unclear = judge_equal(EQUAL, sample("A", 0.8, 1.2, 1.0), reference, 0.1)
     assert unclear.verdict == "cannot tell"
 
 

@@ -103,14 +103,14 @@ class Statement:
         name: Short name of the claim.
         text: The sentence.
         style: How its number is written.
-        region: Where the number lies if the claim holds.
+        region: Where the number lies if the claim holds; `judge_equal` finds it by its margin.
     """
 
     section: str
     name: str
     text: str
     style: NumberStyle
-    region: Region
+    region: Region = Region()
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ def judge_equal(
     """Judge whether the means of two techniques are equal within a margin.
 
     Args:
-        statement: The claim, whose region is replaced.
+        statement: The claim, without a region.
         a: The runs of one technique.
         b: The runs of the other.
         margin: Largest difference that counts as equal, as a share of the mean of b.

@@ -208,7 +208,7 @@ def cost_claims(paper: PaperRuns) -> tuple[Claim, ...]:
             [paper.values(technique, solves_per_second) for technique in LOCO],
         ),
         judge_equal(
-            Statement("V-B", "safe-data", size, FRAMES, CONSTANT),
+            Statement("V-B", "safe-data", size, FRAMES),
             paper.values(SAFE, dataset_frames),
             paper.values(LOCO_HALF, dataset_frames),
             EQUAL,

@@ -131,7 +131,7 @@ def tracking_claims(paper: PaperRuns) -> tuple[Claim, ...]:
             settled(YAW),
         ),
         judge_equal(
-            section_b("equal-vx", same, SPEED, ABOVE_ZERO),
+            section_b("equal-vx", same, SPEED),
             paper.error(SAFE, VX),
             paper.error(BC, VX),
             EQUAL,
@@ -162,7 +162,7 @@ def tracking_claims(paper: PaperRuns) -> tuple[Claim, ...]:
             settled(YAW, (SAFE, LOCO_HALF, LOCO_MOST)),
         ),
         _no_best_claim(
-            section_b("no-best-vy", "No technique tracks vy clearly best.", SPEED, BELOW_ZERO),
+            section_b("no-best-vy", "No technique tracks vy clearly best.", SPEED),
             errors(VY, ALL),
             settled(VY),
         ),
@@ -183,7 +183,7 @@ def _no_best_claim(statement: Statement, samples: Sequence[Sample], beside: str)
     """Judge whether the technique with the smallest error is about as good as the second.
 
     Args:
-        statement: The claim, whose region is replaced.
+        statement: The claim, without a region.
         samples: The error of each technique.
         beside: A sentence with related numbers, which ends the reason.
     """
