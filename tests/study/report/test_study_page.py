@@ -12,7 +12,7 @@ from surefoot.study.layout import JUDGED_FILE
 from surefoot.study.report import numbers, verdicts
 from surefoot.study.report.study_page import study_report, write_study_report
 from surefoot.study.report.tables import figure_tables
-from surefoot.study.report.verdicts import Verdict
+from surefoot.study.report.verdicts import JudgedSentence
 from surefoot.study.results import read_results
 from tests.fakes.pages import Page, check_numbers
 
@@ -100,8 +100,10 @@ def test_the_same_results_give_the_same_page(written, study_folder, tmp_path):
 
 
 def test_claims_and_comparisons_stand_with_their_verdicts(monkeypatch, study_folder, tmp_path):
-    claim = Verdict("Under 5 % fail.", "V-A", "does not hold", "7.5 %", "over <5 %")
-    outcome = Verdict("BC withstands less.", "in a storm", "cannot tell", "0.1 N s", "p = 0.4")
+    claim = JudgedSentence("Under 5 % fail.", "V-A", "does not hold", "7.5 %", "over <5 %")
+    outcome = JudgedSentence(
+        "BC withstands less.", "in a storm", "cannot tell", "0.1 N s", "p = 0.4"
+    )
     monkeypatch.setattr(verdicts, "paper_claims", lambda results: (claim,))
     monkeypatch.setattr(verdicts, "comparison_outcomes", lambda results: (outcome,))
     results = read_results(study_folder)

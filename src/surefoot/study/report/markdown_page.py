@@ -21,7 +21,7 @@ from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure
 from surefoot.study.report.performance import BEST_ERRORS, BEST_FIGURE
 from surefoot.study.report.study_page import StudyReport
 from surefoot.study.report.tables import mean_costs
-from surefoot.study.report.verdicts import UNJUDGED, Verdict
+from surefoot.study.report.verdicts import UNJUDGED, JudgedSentence
 from surefoot.study.results import CellResult, StudyResults
 from surefoot.study.run_values import is_trained
 
@@ -180,7 +180,7 @@ def _predictions(predictions: tuple[JudgedPrediction, ...]) -> str:
     return f"### What was predicted\n\n{markdown(head, lines)}"
 
 
-def _verdict_table(first: str, verdicts: Sequence[Verdict], where: str) -> str:
+def _verdict_table(first: str, verdicts: Sequence[JudgedSentence], where: str) -> str:
     """A table of verdicts.
 
     Args:
