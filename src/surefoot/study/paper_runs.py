@@ -34,6 +34,10 @@ BC = "behavior_cloning"
 LOCO_HALF = "loco_dagger-0.5"
 LOCO_MOST = "loco_dagger-0.8"
 SAFE = "loco_safe_dagger"
+LOCO = (LOCO_HALF, LOCO_MOST)
+"""LocoDAGGER with either decay."""
+DECAYS = (("0.5", LOCO_HALF), ("0.8", LOCO_MOST))
+"""LocoDAGGER's decays, and their techniques."""
 EQUAL = 0.1
 """Largest difference that counts as none, as a share of the value."""
 Part = Callable[[CellResult], Sequence[Collected]]

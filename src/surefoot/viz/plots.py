@@ -21,6 +21,7 @@ from surefoot.viz.colors import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY_BLUE, VER
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
     from matplotlib.typing import RcKeyType
 
 PLOT_SUFFIXES = (".png", ".svg")
@@ -198,3 +199,14 @@ def _label_policies(axes: Axes, frames: dict[int, int], is_series: bool) -> None
     axes.set_xlim(min(frames) - 0.5, max(frames) + 0.5)
     name = "policy" if is_series else "iteration (0 is the pre-training)"
     axes.set_xlabel(f"{name}, and frames that it trained on")
+
+
+def face_forward(axes: PolarAxes) -> None:
+    """Turn polar axes of directions as seen from above: forward is up, left is left."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.set_theta_zero_location("N")
+    axes.set_thetagrids([0, 90, 180, 270], ["forward", "left", "back", "right"])
+    axes.set_rlabel_position(-22.5)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    axes.grid(visible=True)

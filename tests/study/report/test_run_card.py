@@ -13,6 +13,7 @@ from surefoot.config.presets import preset
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.run import open_run
+from surefoot.study.layout import TESTS_FOLDER
 from surefoot.study.report.run_card import option_changes, run_card
 from surefoot.study.report.run_page import write_run_card
 from surefoot.study.report.source import stages
@@ -104,6 +105,14 @@ def test_nobody_drove_in_an_iteration_without_rollouts(folder):
     (folder / "metrics.jsonl").write_text("\n".join([*lines, ""]))
     stage = stages(run_card(folder).metrics)[4]
     assert math.isnan(stage.share("expert_share").value)
+
+
+def test_a_measurement_that_cannot_be_read_is_named(folder):
+    path = folder / TESTS_FOLDER / "test.json"
+    path.parent.mkdir()
+    path.write_text('{"speed": 3}')
+    with pytest.raises(ValueError, match=re.escape(str(path))):
+        run_card(folder)
 
 
 @pytest.mark.parametrize("method", ["behavior_cloning", "loco_safe_dagger"])

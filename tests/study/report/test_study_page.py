@@ -9,9 +9,10 @@ from surefoot.files import write_json
 from surefoot.runs.layout import CONFIG_FILE
 from surefoot.study.folder import Judged, JudgedPrediction, StudyError
 from surefoot.study.layout import JUDGED_FILE
-from surefoot.study.report import verdicts
+from surefoot.study.report import numbers, verdicts
 from surefoot.study.report.study_page import study_report, write_study_report
-from surefoot.study.report.verdicts import Verdict
+from surefoot.study.report.tables import figure_tables
+from surefoot.study.report.verdicts import JudgedSentence
 from surefoot.study.results import read_results
 from tests.fakes.pages import Page, check_numbers
 
@@ -37,6 +38,29 @@ def test_a_changed_result_is_noticed(written, own_study):
     file.write_text(file.read_text().replace('"successes": 8', '"successes": 7'))
     with pytest.raises(AssertionError):
         check_numbers(page, own_study)
+
+
+def tables_of_figures(results) -> str:
+    """The tables of all figures of a report."""
+    return "".join(figure_tables(figure) for figure in study_report(results).figures)
+
+
+def test_a_wrong_interval_is_noticed(monkeypatch, study_folder):
+    """The check of a page's intervals shares nothing with the code that computes them."""
+    results = read_results(study_folder)
+    check_numbers(Page(tables_of_figures(results)), study_folder)
+    right = numbers.mean_of_runs
+
+    def too_wide(runs):
+        means = right(runs)
+        if means.interval is None:
+            return means
+        low, high = means.interval
+        return replace(means, interval=(low, high + 0.01))
+
+    monkeypatch.setattr(numbers, "mean_of_runs", too_wide)
+    with pytest.raises(AssertionError):
+        check_numbers(Page(tables_of_figures(results)), study_folder)
 
 
 def test_names_cannot_break_the_page(written):
@@ -81,8 +105,10 @@ def test_the_same_results_give_the_same_page(study_folder, tmp_path):
 
 
 def test_claims_and_comparisons_stand_with_their_verdicts(monkeypatch, study_folder, tmp_path):
-    claim = Verdict("Under 5 % fail.", "V-A", "does not hold", "7.5 %", "over <5 %")
-    outcome = Verdict("BC withstands less.", "in a storm", "cannot tell", "0.1 N s", "p = 0.4")
+    claim = JudgedSentence("Under 5 % fail.", "V-A", "does not hold", "7.5 %", "over <5 %")
+    outcome = JudgedSentence(
+        "BC withstands less.", "in a storm", "cannot tell", "0.1 N s", "p = 0.4"
+    )
     monkeypatch.setattr(verdicts, "paper_claims", lambda results: (claim,))
     monkeypatch.setattr(verdicts, "comparison_outcomes", lambda results: (outcome,))
     results = read_results(study_folder)
