@@ -86,7 +86,7 @@ def _read_csv(path: Path) -> dict[str, NDArray]:
         columns = _columns(names)
         places = [names.index(name) for parts in columns.values() for name in parts]
         for row in rows:
-            if not row or row[0].startswith("#"):
+            if not row:
                 continue
             if len(row) != len(names):
                 raise ValueError(f"line {rows.line_num}: {len(names)} names for {len(row)} columns")
