@@ -21,7 +21,7 @@ import numpy as np
 
 from surefoot.config import Config, RobotConfig
 from surefoot.config.checked import Checked, Duration, Within
-from surefoot.learning.observation import INPUT_SIZE, Float32Array, network_input, state_spec
+from surefoot.learning.observation import Float32Array, network_input, state_spec
 from surefoot.learning.policy import PolicySpec, pd, policy_spec, target_of
 from surefoot.mpc.expert import make_expert
 from surefoot.mpc.gaits import only_gait
@@ -147,6 +147,7 @@ class Walkers:
 
     Attributes:
         robot: The robot.
+        task: The task.
         batch: The number of robots B.
         command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s].
         tick: ``(B,)`` gait clock [ms].
@@ -322,7 +323,3 @@ def reward_rate(task: WalkingTask, velocity: Array, command: Array, effort: Arra
     reward = task.tracking * np.exp(-(error[:, :2] ** 2).sum(axis=1) / task.velocity_scale**2)
     reward += task.turning * np.exp(-((error[:, 2] / task.yaw_rate_scale) ** 2))
     return reward + task.alive - task.effort * effort
-
-
-OBSERVATION_SHAPE = (INPUT_SIZE,)
-"""The shape of one robot's observation."""
