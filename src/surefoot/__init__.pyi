@@ -14,7 +14,6 @@ from surefoot.evaluation.push_limits import push_difference as push_difference
 from surefoot.evaluation.robustness import Robustness as Robustness
 from surefoot.evaluation.robustness import evaluate as evaluate
 from surefoot.evaluation.statistics import paired_difference as paired_difference
-from surefoot.evaluation.statistics import run_bootstrap as run_bootstrap
 from surefoot.evaluation.statistics import run_interval as run_interval
 from surefoot.interop.datasets.arrays import frames_from_arrays as frames_from_arrays
 from surefoot.interop.datasets.arrays import read_expert_log as read_expert_log

@@ -1,12 +1,11 @@
 """Statistics of results: 95 % intervals, paired differences, and the run as the unit.
 
 A share of one policy has a Wilson interval, and a difference of shares on the same initial states
-has Newcombe's score interval for pairs. Other outcomes are resampled in a bootstrap (`resamples`).
-For several trainings, runs are resampled, and then the rollouts of each drawn run. A bootstrap of a
-sample without spread would claim certainty, so there is a score interval instead, or none. For the
-few runs of a study use `run_interval`, a t interval over run means. `study.run_statistics` has
-differences of two sets of runs. All draws come from a fixed seed, so the same data give the same
-interval. This module does not depend on robots. Next: `robustness`, `push`.
+has Newcombe's score interval for pairs. Other outcomes are resampled in a bootstrap (`resamples`),
+which would claim certainty of a sample without spread, so that such a sample has no interval. The
+mean over several trainings has a t interval over run means (`run_interval`), and
+`study.run_statistics` has differences of two sets of runs. All draws come from a fixed seed, so the
+same data give the same interval. This module does not depend on robots. Next: `robustness`, `push`.
 """
 
 from __future__ import annotations
@@ -54,8 +53,8 @@ class RunMeans:
 
     Attributes:
         mean: Mean of the runs' means, in the unit of the outcomes.
-        interval: The mean's 95 % interval over runs, from `run_interval` or `run_bootstrap`; None
-            for a single run, and if the outcomes show no spread.
+        interval: The mean's 95 % interval over runs, from `run_interval`; None for a single run,
+            and if the outcomes show no spread.
         runs: Mean of each run, in the order in which the runs were given.
     """
 
@@ -333,30 +332,6 @@ def unpaired_difference(a: float, n_a: float, b: float, n_b: float) -> Interval:
     return a - b - below, a - b + above
 
 
-def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> RunMeans:
-    """Mean over training runs; every run has the same weight, however many rollouts it has.
-
-    The bootstrap is hierarchical: runs are drawn, then rollouts of each drawn run. With few runs no
-    bootstrap is wide enough: with three (five, ten) normally distributed runs, the interval covers
-    the truth in 75 (84, 90) % of the cases instead of 95 %. Use `run_interval` then, and show every
-    run. If every rollout of every run has the same outcome, 0 or 1, the interval is Wilson's of all
-    rollouts together; other outcomes that are all equal have none.
-
-    Args:
-        values_by_run: For each run ``(n,)`` an outcome of each rollout, none of them missing.
-
-    Raises:
-        ValueError: There is no run, a run without rollouts, or an outcome that is NaN.
-    """
-    runs = _checked_runs(values_by_run)
-    mean_of_run = tuple(float(run.mean()) for run in runs)
-    return RunMeans(
-        mean=float(np.mean(mean_of_run)),
-        interval=_interval_over_runs(runs),
-        runs=mean_of_run,
-    )
-
-
 def _checked_runs(values_by_run: Sequence[ArrayLike]) -> list[NDArray[np.float64]]:
     """The outcomes of each run.
 
@@ -370,20 +345,3 @@ def _checked_runs(values_by_run: Sequence[ArrayLike]) -> list[NDArray[np.float64
             "and of each at least one rollout, none of them NaN"
         )
     return runs
-
-
-def _interval_over_runs(runs: Sequence[NDArray[np.float64]]) -> Interval | None:
-    """The interval of `run_bootstrap`."""
-    if len(runs) == 1:
-        return None
-    rollouts = np.concatenate(runs)
-    if np.ptp(rollouts) == 0.0:
-        return wilson(int(rollouts.sum()), len(rollouts)) if _are_binary(rollouts) else None
-    rng = np.random.default_rng(SEED)
-    means = np.zeros((RESAMPLES, len(runs)))
-    drawn = rng.integers(len(runs), size=means.shape)
-    for number, run in enumerate(runs):
-        which = drawn == number
-        drawn_rollouts = rng.integers(len(run), size=(which.sum(), len(run)))
-        means[which] = run[drawn_rollouts].mean(axis=1)
-    return percentiles(means.mean(axis=1))
