@@ -205,10 +205,6 @@ def test_runs_that_agree_are_as_uncertain_as_their_rollouts():
     # At any other share, too: 49 of 50 in each run.
     nearly = [np.repeat([1, 0], [49, 1])] * 4
     assert interval_of(run_interval(nearly)) == pytest.approx(wilson(196, 200))
-    # With rollouts of a run that are all alike, the number of runs counts: that is the floor.
-    assert interval_of(run_interval(every, correlation=1.0)) == pytest.approx(wilson(5, 5))
-    low, high = interval_of(run_interval(every, correlation=0.1))
-    assert wilson(5, 5)[0] < low < wilson(500, 500)[0] and high == pytest.approx(1.0)
     # Of runs of different length, the short ones limit it: 1 / (1/4 (1/10 + 1/1000)) trials.
     low, _ = interval_of(run_interval([np.ones(10), np.ones(1000)]))
     assert low == pytest.approx(1 / (1 + 1.959964**2 / (4 / (1 / 10 + 1 / 1000))))
@@ -222,12 +218,6 @@ def test_runs_that_differ_more_than_their_rollouts_keep_the_t_interval():
     assert high == pytest.approx(min(0.466667 + half, 1.0), abs=1e-5)
     apart = run_interval([np.zeros(9), np.ones(9)])
     assert apart.interval == (0.0, 1.0)  # shares stay between 0 and 1
-
-
-def test_a_correlation_out_of_range_is_an_error():
-    for correlation in (-0.1, 1.1, np.nan):
-        with pytest.raises(ValueError, match="use one from 0 to 1"):
-            run_interval([[1.0], [0.0]], correlation)
 
 
 def test_the_same_data_give_the_same_records_also_through_json():
@@ -253,10 +243,8 @@ def test_t_interval_of_a_mean_is_that_of_scipy():
     assert mean_interval([0.3, 0.3, 0.3]) is None
 
 
-def test_effective_rollouts_are_all_of_them_or_one_for_each_run():
+def test_effective_rollouts_are_all_of_them_if_runs_are_equally_long():
     assert effective_rollouts([40, 40, 40]) == pytest.approx(120)
-    assert effective_rollouts([40, 40, 40], correlation=1.0) == pytest.approx(3)
-    assert 3 < effective_rollouts([40, 40, 40], correlation=0.2) < 120
     # Runs have the same weight, so that a short one costs more than its rollouts.
     assert effective_rollouts([10, 70]) < 80
 

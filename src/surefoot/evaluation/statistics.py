@@ -212,7 +212,7 @@ def check_paired(a: object, b: object, fields: Sequence[str]) -> None:
             )
 
 
-def run_interval(values_by_run: Sequence[ArrayLike], correlation: float = 0.0) -> RunMeans:
+def run_interval(values_by_run: Sequence[ArrayLike]) -> RunMeans:
     """Mean over training runs with a t interval; every run has the same weight.
 
     The run is the unit: with R runs of means m_r the interval is mean(m) +- t sd(m) / sqrt(R), with
@@ -221,50 +221,32 @@ def run_interval(values_by_run: Sequence[ArrayLike], correlation: float = 0.0) -
     outcomes of 0 and 1 it is never narrower than the score interval of all rollouts together, which
     count as
 
-        n_eff = R^2 / sum_r (1 + (n_r - 1) rho) / n_r
+        n_eff = R^2 / sum_r 1 / n_r
 
-    independent ones, for n_r rollouts of run r with the correlation rho: with equal n_r, all of
-    them at rho = 0, and only as many as runs at rho = 1. If all outcomes are equal, nothing shows
-    how large rho is; 0 assumes that runs differ no more than their rollouts do by chance.
+    independent ones, for n_r rollouts of run r: with equal n_r, all of them. This assumes that runs
+    differ no more than their rollouts do by chance.
 
     Args:
         values_by_run: For each run ``(n,)`` an outcome of each rollout, none of them missing.
-        correlation: The correlation rho between the outcomes of two rollouts of one run, from 0 to
-            1, as far as it is known from other runs of the same kind.
 
     Raises:
-        ValueError: There is no run, a run without rollouts, an outcome that is NaN, or the
-            correlation is not between 0 and 1.
+        ValueError: There is no run, a run without rollouts, or an outcome that is NaN.
     """
     runs = _checked_runs(values_by_run)
-    if not 0.0 <= correlation <= 1.0:
-        raise ValueError(f"a correlation of {correlation}; use one from 0 to 1")
     means = np.array([run.mean() for run in runs])
-    return RunMeans(
-        mean=float(means.mean()),
-        interval=_t_interval(runs, means, correlation),
-        runs=tuple(means.tolist()),
-    )
+    if all(_are_binary(run) for run in runs):
+        interval = mean_share_interval(means, [len(run) for run in runs])
+    else:
+        interval = mean_interval(means)
+    return RunMeans(float(means.mean()), interval, tuple(means.tolist()))
 
 
-def _t_interval(
-    runs: Sequence[NDArray[np.float64]], means: NDArray[np.float64], correlation: float
-) -> Interval | None:
-    """The interval of `run_interval`; None for one run, or if nothing shows the spread."""
-    if not all(_are_binary(run) for run in runs):
-        return mean_interval(means)
-    return mean_share_interval(means, [len(run) for run in runs], correlation)
-
-
-def mean_share_interval(
-    shares: ArrayLike, rollouts: Sequence[int], correlation: float = 0.0
-) -> Interval | None:
+def mean_share_interval(shares: ArrayLike, rollouts: Sequence[int]) -> Interval | None:
     """The interval of `run_interval` for a mean over runs of shares of rollouts.
 
     Args:
         shares: ``(R,)`` the share of each run, from 0 to 1.
         rollouts: ``(R,)`` the number of rollouts of each run, at least 1.
-        correlation: As in `run_interval`.
 
     Returns:
         Both ends, within 0 and 1; None for one run.
@@ -273,7 +255,7 @@ def mean_share_interval(
     if len(shares) == 1:
         return None
     of_means = mean_interval(shares)
-    n_eff = effective_rollouts(rollouts, correlation)
+    n_eff = effective_rollouts(rollouts)
     low, high = wilson(float(shares.mean()) * n_eff, n_eff)
     if of_means is not None:
         low = min(low, of_means[0])
@@ -302,15 +284,14 @@ def mean_interval(values: ArrayLike) -> Interval | None:
     return mean - half, mean + half
 
 
-def effective_rollouts(rollouts: Sequence[int], correlation: float = 0.0) -> float:
+def effective_rollouts(rollouts: Sequence[int]) -> float:
     """The number of independent rollouts that those of several runs are worth (`run_interval`).
 
     Args:
         rollouts: Number of rollouts of each run, all at least 1.
-        correlation: The correlation between the outcomes of two rollouts of one run.
     """
     counts = np.asarray(rollouts, float)
-    return len(counts) ** 2 / float(((1 + (counts - 1) * correlation) / counts).sum())
+    return len(counts) ** 2 / float((1 / counts).sum())
 
 
 def unpaired_difference(a: float, n_a: float, b: float, n_b: float) -> Interval:
