@@ -47,9 +47,7 @@ def test_a_child_that_hangs_is_given_up(monkeypatch):
     assert run_code("import time; time.sleep(60)") == Finding(False, "no answer within 0 s")
 
 
-def test_a_check_runs_in_a_child_by_its_name_to_which_files_beside_it_are_no_modules(
-    monkeypatch, tmp_path
-):
+def test_a_check_runs_in_a_child_that_ignores_files_of_the_current_folder(monkeypatch, tmp_path):
     (tmp_path / "queue.py").write_text("raise ImportError('of another program')")
     monkeypatch.chdir(tmp_path)
     [check] = [check for check in CHECKS if check.name == "train"]

@@ -93,7 +93,7 @@ def test_the_table_has_dashes_where_nothing_fell():
     alarm[0, 100] = True
     quiet = warnings_of(alarm, np.array([4000, 4000]), np.zeros(2, bool), 2000)
     fell = warnings_of(alarm, np.array([1000, 4000]), np.array([True, False]), 2000)
-    whole = FallWarnings("set", "0", "test", 2, 0, (), {"bounds": quiet})
+    whole = FallWarnings("set", "0", "test", 2, 2.0, 0, (), {"bounds": quiet})
     text = warnings_table(RunWarnings(**vars(whole), run="demo", iteration=3))
     assert text.startswith("demo, policy 3: 0 of 2 fell\n\n| gate | ")
     row = "| bounds | 0 of 0: - | 2 % | - | 12.00 (0.00 to 24.00) | 1 |"

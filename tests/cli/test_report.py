@@ -85,7 +85,7 @@ def test_results_of_several_commits_are_refused(surefoot, capsys, study_folder):
 
 
 def test_results_of_several_precisions_are_refused(surefoot, capsys, study_folder):
-    [job] = (study_folder / "behavior_cloning/seed-0/jobs").glob("push*.json")
+    [job] = (study_folder / "behavior_cloning/seed-0/jobs").glob("test*.json")
     job.write_text(job.read_text().replace('"float32"', '"bfloat16"'))
     assert surefoot("report", study_folder) == 2
     assert "several precisions (bfloat16, float32)" in capsys.readouterr().err

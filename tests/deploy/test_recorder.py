@@ -19,8 +19,8 @@ from tests.fakes.bridge_world import TOY, ToyPolicy, World
 
 
 @pytest.fixture(autouse=True)
-def garbage(monkeypatch):
-    """To look for garbage in all that the tests have loaded takes a second for each drive."""
+def no_search_for_garbage(monkeypatch):
+    """Drives do not look for garbage first: with all that tests have loaded, it takes a second."""
     monkeypatch.setattr("surefoot.deploy.real_time.gc.collect", lambda: 0)
 
 

@@ -44,7 +44,9 @@ from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes.gates import Careless
 from tests.fakes.learning import OBSERVATION_SPEC, spec_of
+from tests.fakes.robots import STANDING
 from tests.fakes.rollouts import blank
+from tests.fakes.states import state_of
 
 BLOCK = 2000
 """[ms] The paper's T_block."""
@@ -113,13 +115,28 @@ def test_falls_are_announced_two_tenths_of_a_second_ahead():
         ([], []),
         ([0], [0]),
         ([slice(10, 2010)], [10]),
-        ([slice(10, 2011)], [10, 2010]),
-        ([5, 2004, 2005, 4004, 4006], [5, 2005, 4006]),
-        ([slice(0, 9000)], [0, 2000, 4000, 6000, 8000]),
+        ([slice(10, 2011)], [10]),  # unsafe when the block ends: the expert goes on
+        ([slice(10, 2011), 2012], [10, 2012]),
+        ([5, 2004, 2005, 4004, 4006], [5, 4004]),
+        ([slice(0, 9000)], [0]),
     ],
 )
 def test_takeovers_block_the_next_two_seconds(ticks, expected):
     assert takeovers(alarms(9000, ticks)[0], BLOCK).tolist() == expected
+
+
+@pytest.mark.parametrize("block", [0, 1, 40, 2000])
+def test_takeovers_are_those_of_the_monitor(block):
+    rng = np.random.default_rng(block)
+    alarm = np.repeat(rng.random(300) < 0.3, rng.integers(1, 60, 300))
+    monitor = SafetyMonitor(Scripted(*np.flatnonzero(alarm).tolist()), block / 1000)
+    monitor.reset(1)
+    ticks = np.arange(len(alarm))
+    state = state_of(STANDING)
+    drives = np.array([monitor.blocking(state, ticks[[i]], np.zeros((1, 3)))[0] for i in ticks])
+    begun = np.flatnonzero(drives & ~np.append(False, drives[:-1]))
+    assert len(begun) > 3
+    np.testing.assert_array_equal(takeovers(alarm, block), begun)
 
 
 def test_takeovers_are_false_without_a_fall_within_a_second_and_a_half():

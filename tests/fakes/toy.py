@@ -48,7 +48,7 @@ _Q = np.diag([200.0, *[2.0] * 12, 20.0, *[0.05] * 12])
 _P = solve_discrete_are(A, B, _Q, np.eye(12))
 K = np.linalg.solve(np.eye(12) + B.T @ _P @ B, B.T @ _P @ A)
 POWERS = np.array([np.linalg.matrix_power(A - B @ K, n) for n in range(100)])
-"""``(100, 26, 26)`` what the expert's control makes of an error, after each number of ticks."""
+"""``(100, 26, 26)`` the matrices that take an error to the one after n ticks of expert control."""
 
 
 def goal_of(tick, command):

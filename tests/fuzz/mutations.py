@@ -35,7 +35,7 @@ MEMORY_BASE = 50_000_000
 MEMORY_FACTOR = 10
 LIMIT_SECONDS = 10.0
 """[s] What has not returned by then hangs; the machine may be busy."""
-CI_EXAMPLES = 15
+CI_EXAMPLES = 30
 """Draws of a test when SUREFOOT_FUZZ_SECONDS is not set."""
 SECONDS = "SUREFOOT_FUZZ_SECONDS"
 _TWICE = "(twice)"

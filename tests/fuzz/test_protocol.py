@@ -58,7 +58,7 @@ def test_damaged_datagrams_are_refused(kind):
             with pytest.raises(Refused):
                 protocol.unpack(damaged)
 
-    fuzz(byte_mutations(whole), check, 60)
+    fuzz(byte_mutations(whole), check, 200)
 
 
 def test_any_bytes_are_refused():
@@ -66,7 +66,7 @@ def test_any_bytes_are_refused():
         with pytest.raises(Refused):
             protocol.unpack(data)
 
-    fuzz(st.binary(max_size=1500), check, 100)
+    fuzz(st.binary(max_size=1500), check, 300)
 
 
 @st.composite
@@ -84,7 +84,7 @@ def sealed(draw: st.DrawFn) -> bytes:
 
 
 def test_sealed_datagrams_of_any_content_are_read_or_refused():
-    fuzz(sealed(), read, 100)
+    fuzz(sealed(), read, 300)
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +125,7 @@ def test_a_driven_bridge_obeys_its_runtime_or_damps(heard):
         check_written(world)
         assert world.bridge.peer == RUNTIME
 
-    fuzz(attacks(heard), check, 10)
+    fuzz(attacks(heard), check, 25)
 
 
 def test_an_idle_bridge_does_not_move_for_anybody(heard):
@@ -138,7 +138,7 @@ def test_an_idle_bridge_does_not_move_for_anybody(heard):
             world.tick()
         assert not world.driver.commanded
 
-    fuzz(attacks(heard), check, 10)
+    fuzz(attacks(heard), check, 25)
 
 
 def test_a_runtime_that_sends_any_numbers_is_obeyed_only_where_they_are_sound():
@@ -157,7 +157,7 @@ def test_a_runtime_that_sends_any_numbers_is_obeyed_only_where_they_are_sound():
 
     command = st.lists(numbers, min_size=60, max_size=60)
     sound = st.just([0.5] * 60)
-    fuzz(st.lists(st.one_of(command, sound), min_size=1, max_size=5), check, 10)
+    fuzz(st.lists(st.one_of(command, sound), min_size=1, max_size=5), check, 25)
 
 
 def check_written(world: World) -> None:

@@ -174,16 +174,15 @@ def test_a_run_with_a_budget_killed_after_each_chunk_and_record_ends_with_the_sa
     assert fingerprint(open_run(tmp_path / "run")) == expected
 
 
-@pytest.mark.parametrize("workers", [1, 8])
 @pytest.mark.parametrize("name", first_often(3, NAMES))
-def test_a_finished_collection_simulates_nothing_again(limited, name, workers):
+def test_a_finished_collection_simulates_nothing_again(limited, name):
     def never(jobs, _workers, _title):
         assert not jobs, "simulated again"
         yield from ()
 
     run = limited(name)
     for i in iterations_of(run):
-        collect_data(run, i, collection(run, i), Workers(workers), never)
+        collect_data(run, i, collection(run, i), Workers(8), never)
 
 
 class OneByOne:

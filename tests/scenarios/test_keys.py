@@ -45,7 +45,7 @@ WITHOUT_PART = {
     "config.json_text": "reads files",
     "config": "its records are in the key, by their values",
     "config.checked": "checks records",
-    "config.expert_rules": "values",
+    "config.expert_rules": "its rules are in the key, by their values",
     "config.gait_table": "values",
     "config.learning": "values",
     "config.mpc": "values",

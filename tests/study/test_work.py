@@ -16,7 +16,7 @@ from surefoot.evaluation.imitation import ImitationError
 from surefoot.study.cells import jobs_of, measured_options, measurements_of
 from surefoot.study.folder import PolicyTest, save_setup
 
-ERROR = ImitationError("starts", "28d8", 60, 4800, 61.5, 210.0)
+ERROR = ImitationError("starts", "28d8", 60, 4800, 61.5, 210.0, None)
 
 
 def test_the_imitation_error_of_a_policy_is_kept_beside_its_hash(tmp_path, monkeypatch):

@@ -8,16 +8,16 @@ folder. Next: `train`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from itertools import takewhile
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import tyro
 
-from surefoot.config.checked import Annotation
+from surefoot.config.checked import annotations_of
 
 ANY_NUMBER = 1_000_000
 """The number of values of an option that takes as many as there are."""
@@ -127,19 +127,13 @@ def positional_choices(command: type) -> tuple[str, ...]:
     Args:
         command: Dataclass of the command.
     """
-    hints = _field_types(command)
+    hints = annotations_of(command)
     positional = [
         hints[field.name] for field in fields(command) if _is_positional(hints[field.name])
     ]
     return tuple(
         word for hint in positional for kind in _alternatives(hint) for word in _words(kind)
     )
-
-
-@cache
-def _field_types(kind: type) -> Mapping[str, Annotation]:
-    """The types of a dataclass's fields by their names, with what their annotations say of them."""
-    return get_type_hints(kind, include_extras=True)
 
 
 @cache
@@ -161,7 +155,7 @@ def _options_of_group(group: type, prefix: str) -> Iterator[tuple[str, Any, bool
         group: Dataclass whose fields are options.
         prefix: Dotted name of the group, with a dot at the end; empty for the command.
     """
-    hints = _field_types(group)
+    hints = annotations_of(group)
     for field in fields(group):
         hint = hints[field.name]
         if _is_positional(hint):

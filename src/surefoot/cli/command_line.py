@@ -14,7 +14,7 @@ from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache
 from inspect import cleandoc, getsource
 from itertools import pairwise
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import tyro
 from tyro.constructors import (
@@ -25,7 +25,7 @@ from tyro.constructors import (
 )
 
 from surefoot.cli.arguments import sort_arguments
-from surefoot.config.checked import Annotation
+from surefoot.config.checked import annotations_of
 
 CommandKind = TypeVar("CommandKind")
 
@@ -84,7 +84,7 @@ def filled(text: str, width: int) -> str:
 
 
 @cache
-def field_docstrings(kind: type) -> dict[str, str]:
+def field_docstrings(kind: type) -> Mapping[str, str]:
     """The docstring of each field of a dataclass on one line, those of its bases included.
 
     Args:
@@ -113,7 +113,7 @@ def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
     kind = info.type
     if not (isinstance(kind, type) and is_dataclass(kind)):
         return None
-    hints = _field_types(kind)
+    hints = annotations_of(kind)
     docs = field_docstrings(kind)
     return StructConstructorSpec(
         instantiate=kind,
@@ -127,12 +127,6 @@ def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
             for field in fields(kind)
         ),
     )
-
-
-@cache
-def _field_types(kind: type) -> Mapping[str, Annotation]:
-    """The types of a dataclass's fields by their names, with what their annotations say of them."""
-    return get_type_hints(kind, include_extras=True)
 
 
 def _shown(hint: Any) -> Any:

@@ -40,10 +40,11 @@ class MeasureWarnings(OnWorkers, OnSimulator):
     mass. The paper's bounds, tightened bounds and the network are asked at every tick, without any
     effect. The run may be unfinished; it is only read.
 
-    JSON keys: run, iteration (of the policy); starts, starts_hash, split, episodes, falls, fallen
-    (ids of the initial states); gates, for each gate announced (falls, at least 0.2 s ahead),
-    announced_share, announced_interval, chance_share, leads, median_lead, lead_interval [s],
-    takeovers, false_takeovers, robot_minutes, false_per_minute, false_interval. Intervals are 95 %.
+    JSON keys: run, iteration (of the policy); starts, starts_hash, split, episodes, T_block [s] (of
+    the run), falls, fallen (ids of the initial states); gates, for each gate announced (falls, at
+    least 0.2 s ahead), announced_share, announced_interval, chance_share, leads, median_lead,
+    lead_interval [s], takeovers, false_takeovers, robot_minutes, false_per_minute, false_interval.
+    Intervals are 95 %.
     """
 
     run: Annotated[Path, tyro.conf.Positional]

@@ -184,7 +184,6 @@ class Study(OnWorkers):
             print(describe_work(estimate, self.workers))
             return 0
         setup = open_study(folder, study)
-        jobs = needed_jobs(setup.jobs, self.jobs)
         estimate = estimate_study(study, setup.jobs, folder).of(jobs)
         print(f"{study.title}, in {folder}: {describe_work(estimate, self.workers)}")
         outcome = run_study(folder, self.spread, self.jobs)

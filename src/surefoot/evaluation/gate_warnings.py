@@ -29,7 +29,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import chi2
 
-from surefoot.config import Config, LocoSafeDaggerConfig
+from surefoot.config import Config
+from surefoot.config.methods import blocking_of
 from surefoot.evaluation.statistics import Interval, percentiles, resamples, wilson
 from surefoot.learning.policy import Policy
 from surefoot.rollouts.arbiters import PolicyOnly
@@ -97,6 +98,7 @@ class FallWarnings:
         starts_hash: SHA-256 of that set.
         split: Split of the set.
         episodes: Number of robots, one from each initial state.
+        T_block: How long the expert drives at least once it has taken over [s].
         falls: Number of robots that fell.
         fallen: Ids of the initial states from which they fell.
         gates: Name of each gate -> how well it warned.
@@ -106,6 +108,7 @@ class FallWarnings:
     starts_hash: str
     split: str
     episodes: int
+    T_block: float
     falls: int
     fallen: tuple[int, ...]
     gates: dict[str, GateWarnings]
@@ -171,18 +174,17 @@ def measure_warnings(
     parts = map_chunks(watch_chunk, chunks, workers, "gates")
     length = np.concatenate([part.length for part in parts])
     fell = np.concatenate([part.fell for part in parts])
-    method = config.method
-    blocking = method if isinstance(method, LocoSafeDaggerConfig) else LocoSafeDaggerConfig()
-    block = to_ticks(blocking.T_block)
+    T_block = blocking_of(config.method).T_block
     warnings = {}
     for name in gates:
         alarm = np.concatenate([part.alarm[name] for part in parts])
-        warnings[name] = warnings_of(alarm, length, fell, block)
+        warnings[name] = warnings_of(alarm, length, fell, to_ticks(T_block))
     return FallWarnings(
         starts=stored.name,
         starts_hash=stored.hash,
         split=split,
         episodes=len(starts),
+        T_block=T_block,
         falls=int(fell.sum()),
         fallen=tuple(starts.id[fell].tolist()),
         gates=warnings,
@@ -318,10 +320,11 @@ def takeovers(alarm: BoolArray, block: int) -> IntArray:
 
     Args:
         alarm: ``(T,)`` True where the gate said unsafe.
-        block: T_block [ms], the shortest time between two takeovers.
+        block: T_block [ms], how long the expert drives at least.
     """
     ticks: list[int] = []
     for tick in np.flatnonzero(alarm).tolist():
-        if not ticks or tick - ticks[-1] >= block:
+        # The expert hands back at the first safe tick from the end of the block on.
+        if not ticks or not alarm[ticks[-1] + block : tick].all():
             ticks.append(tick)
     return np.array(ticks, dtype=np.int64)

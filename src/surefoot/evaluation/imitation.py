@@ -66,7 +66,7 @@ class ImitationError:
     states: int
     mean_mrad: float
     worst_mrad: float
-    mirror_mrad: float | None = None
+    mirror_mrad: float | None
 
 
 def imitation_error(config: Config, policy: Path, workers: Workers) -> ImitationError:

@@ -69,8 +69,8 @@ class SocketPlan:
     def _begin_anew(self) -> None:
         """Set what belongs to one process: no connection yet, the process, and its lock."""
         self._connection: socket.socket | None = None
-        self._process = os.getpid()
         self._turn = threading.Lock()
+        self._process = os.getpid()  # last: another thread that sees it has the new lock
 
     def __getstate__(self) -> dict[str, str | int | float | None]:
         """What other processes get: everything except the connection, the process and the lock."""

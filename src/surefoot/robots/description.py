@@ -104,7 +104,7 @@ def read_description(spec: RobotSpec) -> Description:
 
 @lru_cache(maxsize=16)
 def _description(path: Path, content: bytes) -> Description:
-    """A URDF's description, which nobody changes: the same content is read once.
+    """The description in a URDF, shared by all that read the same content: nobody may change it.
 
     Args:
         path: The file.

@@ -1,4 +1,4 @@
-"""What motors make of the torques that are commanded: late, noisy, and no faster than they turn.
+"""What motors make of commanded torques: late, noisy, and zero beyond a joint's speed limit.
 
 `scenarios.sensors` is the counterpart for what robots measure. Read `engine` next.
 """

@@ -53,7 +53,7 @@ class Falls:
     def __init__(self, safety: SafetyConfig, batch: int) -> None:
         self._safety = safety
         self._grace = to_ticks(safety.grace)
-        # A time below one tick has passed at the first tick of contact.
+        # A time shorter than one tick counts as one tick.
         self._most_lying = max(to_ticks(safety.body_contact), 1) if safety.body_contact else None
         # The number of consecutive ticks of contact.
         self._lying = np.zeros(batch, np.int64)

@@ -279,9 +279,8 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     """
     folder = Path(folder)
     check_folder(folder, resume)
-    claim(
-        folder
-    )  # first: if two processes begin together, only one may read and write what follows
+    # First: if two processes begin together, only one may read and write what follows.
+    claim(folder)
     remove_left_overs(folder)
     config = config_for(folder, config, resume)
     if (folder / CONFIG_FILE).exists():

@@ -1,4 +1,4 @@
-"""Markdown: tables, and pages in which generated text stands among prose.
+"""Markdown: tables, their numbers as text, and pages in which generated text is among prose.
 
 `page_with` replaces the generated part of a page without touching the prose around it.
 """

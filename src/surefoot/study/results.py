@@ -179,7 +179,7 @@ def _asked_of(setup: StudySetup, cell: Cell, run: Run) -> Config:
     """
     asked = run_config(setup, cell, run.config)
     if asked.start_set not in (None, *PACKAGED) and not Path(asked.start_set).exists():
-        # The file is on another machine: the results have their own copy of the initial states.
+        # The file is on another machine: the configuration of the run names a copy of its own.
         asked = replace(asked, start_set=run.config.start_set)
     spec = run.config.robot.spec
     if spec and asked.robot.spec and replace(asked.robot.spec, urdf=spec.urdf) == spec:

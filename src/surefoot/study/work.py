@@ -223,8 +223,9 @@ def copy_tests(folder: Path, setup: StudySetup, job: StudyJob) -> None:
     for name in measurements_of(setup.study, job.cell):
         tests = read_tests(folder, setup.study, measured, name)
         assert tests is not None  # the job that measures it is done
-        asked = measured_options(setup.study, job.cell, name)
-        save_tests(folder, job.cell, replace(tests, options=asked))
+        if tests.options is not None:  # an earlier version did not say them
+            tests = replace(tests, options=measured_options(setup.study, job.cell, name))
+        save_tests(folder, job.cell, tests)
 
 
 @dataclass(frozen=True)

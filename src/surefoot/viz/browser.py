@@ -216,8 +216,8 @@ class Page:
         self.live.set_command(self._controls.command)
 
     def _report(self, error: str) -> None:
-        """Show the error of a call that was asked for."""
-        self._error = error
+        """Show the error of a call that was asked for; other notes may follow its period."""
+        self._error = f"{error.rstrip('.')}."
 
     def _fail(self, error: str) -> None:
         """Show the error that ended the thread; the source itself may be broken."""

@@ -14,12 +14,12 @@ SKY_BLUE = "#56B4E9"
 YELLOW = "#F0E442"
 """Okabe and Ito's palette without its black; the green is bluish, and the purple is reddish."""
 GRAY = "#666666"
-"""What belongs to none of those that have a color."""
+"""The color of all that has no color of its own."""
 INK = "#282D37"
-"""Texts and marks."""
+"""The color of texts and marks."""
 EXPERT_COLOR = BLUE
 POLICY_COLOR = VERMILION
-"""Who drives."""
+"""The colors of whoever drives."""
 
 
 def rgb(color: str) -> tuple[int, int, int]:

@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
-from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig, OtherGait, RobotConfig
+from surefoot.config import CommandBox, Config, OtherGait, RobotConfig
 from surefoot.config.gait_table import gait_names
+from surefoot.config.methods import blocking_of
 from surefoot.config.single_gaits import each_gait
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import make_expert, make_planner
@@ -304,8 +305,7 @@ def start(setup: LiveSetup) -> LiveSimulation:
     robot = load_robot(config.robot)
     safety = config.safety
     plans = WatchedPlanner([make_planner(robot, one) for one in each_gait(config)])
-    method = config.method
-    blocking = method if isinstance(method, LocoSafeDaggerConfig) else LocoSafeDaggerConfig()
+    blocking = blocking_of(config.method)
     monitor = SafetyMonitor(Bounds(config.safety), blocking.T_block, blocking.hand_back)
     safety = replace(
         safety,

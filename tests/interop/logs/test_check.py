@@ -386,6 +386,7 @@ def test_a_log_of_several_gaits_is_replayed_in_the_gait_that_was_walked(tmp_path
     assert inputs[:, -2:].argmax(axis=1).tolist() == log.gaits.tolist()
     assert check_log(log, read_export(path), torch).findings == ()
     assert check_pipeline(log, pipeline, torch).findings == ()
+    assert check_pipeline(log, pipeline).findings == ()
     # Without the gait, the first one is taken to have been walked.
     assert check_log(replace(log, gait=None), read_export(path)).findings[0].term == "phase"
 

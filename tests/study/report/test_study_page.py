@@ -92,14 +92,18 @@ def test_figures_are_files_too(written):
     assert (out / "figures/1-failures.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_same_results_give_the_same_page(study_folder, tmp_path):
-    """With a figure too: the others are drawn and named by the same code."""
+ALL = pytest.param(slice(None), marks=pytest.mark.thorough)
+
+
+@pytest.mark.parametrize("figures", [slice(1), ALL])
+def test_the_same_results_give_the_same_page(study_folder, tmp_path, figures):
+    """With one of the figures, which takes a few seconds, or with all."""
     texts = []
     for folder in (tmp_path / "one", tmp_path / "two"):
         results = read_results(study_folder)
         report = study_report(results)
-        small = replace(report, figures=report.figures[:1])
-        texts.append(write_study_report(results, small, folder).read_text())
+        report = replace(report, figures=report.figures[figures])
+        texts.append(write_study_report(results, report, folder).read_text())
     assert "<svg" in texts[0]
     assert texts[0] == texts[1]
 
