@@ -155,7 +155,7 @@ class FakeSimulator:
         self._bad_numbers |= rows & ~self._finite()
 
     def _finite(self) -> BoolArray:
-        return np.isfinite(self.q).all(axis=1) & np.isfinite(self.v).all(axis=1)
+        return np.all(np.isfinite(self.q), axis=1) & np.all(np.isfinite(self.v), axis=1)
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
         mask_copy = None if mask is None else mask.copy()

@@ -379,8 +379,13 @@ def test_force_step_is_the_constrained_least_squares_solution(push):
     for t in (0, 4, 9):
         feet = np.flatnonzero(contacts.active[t])
 
-        parts = (contacts.active, contacts.position, contacts.dt, contacts.via)
-        node = ContactPlan(*(part[t : t + 1] for part in parts))
+        one = slice(t, t + 1)
+        node = ContactPlan(
+            active=contacts.active[one],
+            position=contacts.position[one],
+            dt=contacts.dt[one],
+            via=contacts.via[one],
+        )
 
         def objective(z, t=t, feet=feet, node=node):
             trial = np.zeros((1, 4, 3))
