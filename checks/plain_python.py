@@ -26,7 +26,6 @@ UNTYPED = {
     "learning/step.py": 1,
     "learning/tensor_file.py": 1,
     "sim/mujoco_model.py": 1,
-    "study/records.py": 2,
 }
 """How many mappings to anything the files at the edge (JSON, weights) hold; others hold none."""
 

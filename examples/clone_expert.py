@@ -19,7 +19,7 @@ data.append("first", rollouts.frames(keep=rollouts.happened, episode=np.arange(2
 spec = sf.policy_spec(config)  # the layout of the observation, and the gains of the PD law
 network = sf.PolicyNetwork(config.policy)
 result = sf.fit(network, data, config.training, spec, epochs=2, seed=0)
-policy = sf.Policy(result.network, spec, result.command_range)
+policy = sf.Policy(result.network, spec, result.command_range, robot.name)
 sf.save(policy, "policy.safetensors")
 
 rollouts = sf.rollout(simulator, episodes, sf.PolicyOnly(), expert, policy)

@@ -48,7 +48,7 @@ frames = taught.frames(keep=taught.happened & ~taught.failed[:, None], episode=n
 spec = sf.policy_spec(config)
 network = sf.PolicyNetwork(config.policy, seed=0)
 result = sf.fit(network, frames, config.training, spec, epochs=3, seed=0)
-policy = sf.Policy(result.network, spec, result.command_range)
+policy = sf.Policy(result.network, spec, result.command_range, robot.name)
 sf.save(policy, "first_policy.safetensors")
 print(f"{result.frames} frames, error {result.train_loss[-1]:.3f} rad")
 

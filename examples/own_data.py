@@ -27,7 +27,7 @@ data.append("log", sf.frames_from_arrays(sf.read_expert_log("log.npz"), robot)) 
 spec = sf.policy_spec(config)
 network = sf.PolicyNetwork(config.policy)
 result = sf.fit(network, data, config.training, spec, epochs=2, seed=0)
-policy = sf.Policy(result.network, spec, result.command_range)
+policy = sf.Policy(result.network, spec, result.command_range, robot.name)
 sf.save(policy, "policy.safetensors")  # `surefoot play policy.safetensors` films it
 
 print(f"{result.frames} frames, L1 {result.train_loss[-1]:.3f} rad")

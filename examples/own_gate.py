@@ -21,7 +21,8 @@ class FastJoints:
 
 robot = sf.solo12()
 config = sf.with_own_values(sf.preset("loco_safe_dagger", "quick"), robot)
-policy = sf.Policy(sf.PolicyNetwork(config.policy), sf.policy_spec(config), np.zeros((2, 3)))
+network = sf.PolicyNetwork(config.policy)
+policy = sf.Policy(network, sf.policy_spec(config), np.zeros((2, 3)), robot.name)
 gate = sf.AnyOf([FastJoints(12.0), sf.Bounds(config.safety)])
 arbiter = sf.SafetySwitch(sf.SafetyMonitor(gate, block=0.5))
 

@@ -9,6 +9,7 @@ import hashlib
 import json
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,8 +34,8 @@ to be on a Haswell they differed by 1.2e-13."""
 def smoke_run(technique, folder):
     """A run of the smoke study's first seed."""
     study = named_study("smoke")
-    config = config_of(study.technique(technique), study.settings[0], study.seeds[0])
-    run = create(folder, config)
+    config = config_of(study.technique(technique), study.settings[0])
+    run = create(folder, replace(config, seed=study.seeds[0]))
     METHODS[run.method].train(run, Workers(1), None)
     return run
 

@@ -23,7 +23,7 @@ rollouts = sf.rollout(simulator, episodes, sf.ExpertOnly(), sf.make_expert(robot
 reveal_type(rollouts)
 reveal_type(rollouts.duration)
 spec = sf.policy_spec(config)
-policy = sf.Policy(sf.PolicyNetwork(config.policy), spec, np.zeros((2, 3)))
+policy = sf.Policy(sf.PolicyNetwork(config.policy), spec, np.zeros((2, 3)), "solo12")
 reveal_type(policy)
 reveal_type(sf.load("policy.safetensors"))
 robustness, _ = sf.evaluate(config, None, "test", sf.Workers(1))

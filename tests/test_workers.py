@@ -323,3 +323,10 @@ def test_what_connecting_raises_is_passed_on():
     with pytest.raises(RuntimeError, match="auto has another version"):
         _join("auto", connect)
     _join("auto", str)  # and what works, works
+
+
+def test_whoever_has_enough_leaves_the_processes_to_others():
+    results = each_chunk(square, list(range(20)), Workers(2), "enough")
+    next(results)
+    results.close()
+    assert map_chunks(square, [4, 5], Workers(2), "after") == [16, 25]

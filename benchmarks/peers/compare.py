@@ -139,7 +139,7 @@ def surefoot_contender(config: Config, robot: RobotModel, robots: int, seconds: 
     """The collection of Algorithm 4: the policy drives, the monitor watches, all is recorded."""
     network = PolicyNetwork(config.policy)
     hold_nominal(network.linear[-1], robot)
-    policy = Policy(network, policy_spec(config), np.zeros((2, 3)))
+    policy = Policy(network, policy_spec(config), np.zeros((2, 3)), robot.name)
     simulator = make_simulator(robot, robots, config.simulation)
     episodes = Episodes(at_rest(standing(robot), np.zeros((robots, 3))), seconds)
     arbiter = SafetySwitch(SafetyMonitor(Bounds(config.safety), 2.0))

@@ -18,7 +18,8 @@ _settle_caches()
 _HOME = {
     "config": ("Config", "HandBack"),
     "config.robots": ("RobotSpec",),
-    "config.presets": ("preset", "published_rules"),
+    "config.presets": ("preset",),
+    "config.expert_rules": ("published_rules",),
     "types": ("Command", "State", "MotionPlan", "Controller"),
     "robots.model": ("RobotModel", "standing"),
     "robots.solo12": ("solo12",),
@@ -54,7 +55,7 @@ _HOME = {
     "evaluation.push": ("push_recovery",),
     "evaluation.push_limits": ("push_difference", "PushResult"),
     "study.comparison": ("compare", "Measurements"),
-    "evaluation.statistics": ("paired_difference", "run_bootstrap", "run_interval"),
+    "evaluation.statistics": ("paired_difference", "run_interval"),
     "interop.gym.ids": ("register_environments",),
     "interop.datasets.arrays": ("frames_from_arrays", "read_expert_log"),
     "interop.socket_plan": ("SocketPlan", "serve_plan"),

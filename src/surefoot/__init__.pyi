@@ -5,8 +5,8 @@
 
 from surefoot.config import Config as Config
 from surefoot.config import HandBack as HandBack
+from surefoot.config.expert_rules import published_rules as published_rules
 from surefoot.config.presets import preset as preset
-from surefoot.config.presets import published_rules as published_rules
 from surefoot.config.robots import RobotSpec as RobotSpec
 from surefoot.evaluation.push import push_recovery as push_recovery
 from surefoot.evaluation.push_limits import PushResult as PushResult
@@ -14,7 +14,6 @@ from surefoot.evaluation.push_limits import push_difference as push_difference
 from surefoot.evaluation.robustness import Robustness as Robustness
 from surefoot.evaluation.robustness import evaluate as evaluate
 from surefoot.evaluation.statistics import paired_difference as paired_difference
-from surefoot.evaluation.statistics import run_bootstrap as run_bootstrap
 from surefoot.evaluation.statistics import run_interval as run_interval
 from surefoot.interop.datasets.arrays import frames_from_arrays as frames_from_arrays
 from surefoot.interop.datasets.arrays import read_expert_log as read_expert_log

@@ -24,11 +24,13 @@ from surefoot.config import (
 )
 from surefoot.runs.run import open_run
 from surefoot.workers import Workers
+from tests.fakes.learning import FLOAT32
 
 METHOD = BehaviorCloningConfig(ExpertData(2, 1, False, 0.1), epochs=2)
 SHORT = replace(
     Config(),
     policy=PolicyConfig(hidden=(32, 32)),
+    training=FLOAT32,
     method=METHOD,
     evaluation=EvaluationConfig(duration=0.1, episodes=20),
 )

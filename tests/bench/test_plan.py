@@ -12,7 +12,10 @@ from surefoot.scenarios.starts import load_starts
 
 @pytest.fixture(scope="module")
 def times():
-    return bench_plan(Config(), plans=5)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(plan_module, "WARM_UP_PLANS", 1)
+        patch.setattr(plan_module, "WARM_ROBOTS", 1)
+        return bench_plan(Config(), plans=5)
 
 
 @pytest.mark.parametrize("name", ["", "warm_", "half_", "half_warm_"])

@@ -1,14 +1,12 @@
 """A finished run, and the command line as its entry point runs it."""
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import pytest
 
-from surefoot.cli import command_line
 from surefoot.cli.main import main
 from surefoot.config import Config, PolicyConfig, PushConfig
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
@@ -18,14 +16,6 @@ from tests.fakes.learning import FLOAT32, TINY
 from tests.fakes.prepared import own_cache
 
 __all__ = ["own_cache"]
-
-
-@pytest.fixture(scope="session", autouse=True)
-def sources_read_once() -> Iterator[None]:
-    """Hundreds of command lines are read here: a third of that is docstrings, out of the source."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command_line, "field_docstrings", cache(command_line.field_docstrings))
-        yield
 
 
 @pytest.fixture

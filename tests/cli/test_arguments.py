@@ -83,7 +83,7 @@ def test_values_and_unknown_options_are_named():
     arguments = sort_arguments(
         ["--file=a", "--fil", "b", "--limb.range", "1", "2", "--file", "c", "d"], Toy
     )
-    assert arguments.values == {"--file": "c", "--fil": "b", "--limb.range": "1"}
+    assert arguments.values == {"--file": ["c"], "--fil": ["b"], "--limb.range": ["1", "2"]}
     assert arguments.unknown == ("--fil",)
     assert arguments.positional == ("d",)
 
@@ -160,5 +160,7 @@ def test_an_option_of_two_numbers_that_has_one_is_said_in_words(args):
         sort_arguments(args, Train)
 
 
-def test_help_is_heard_wherever_it_is_asked_for():
-    assert sort_arguments(["--vx", "--help"], Train).options == ("--vx", "--help")
+@pytest.mark.parametrize("help_option", ["-h", "--help"])
+def test_help_is_heard_wherever_it_is_asked_for(help_option):
+    assert sort_arguments(["--vx", help_option], Train).options == ("--vx", help_option)
+    assert sort_arguments(["--gaits", "trot", help_option], Train).values == {"--gaits": ["trot"]}

@@ -16,7 +16,7 @@ from surefoot.config.presets import preset
 from surefoot.runs.versions import versions
 from surefoot.scenarios import prepare as preparation
 from surefoot.scenarios.prepare import completed
-from surefoot.study import expert_survey
+from surefoot.study import expert_cells, expert_survey
 from surefoot.workers import Workers
 from tests.fakes.walks import SMALL, fake_walks
 
@@ -129,7 +129,7 @@ def test_the_survey_of_the_expert_is_asked_with_the_options(
 ):
     asked = []
     monkeypatch.setattr(expert_survey, "survey_expert", lambda *args: asked.append(args) or "cells")
-    monkeypatch.setattr(expert_survey, "survey_table", lambda cells: f"table of {cells}")
+    monkeypatch.setattr(expert_cells, "survey_table", lambda cells: f"table of {cells}")
     file = tmp_path / "expert.json"
     args = ("--episodes", 7, "--workers", 1, "--sim", "mujoco", "--json", file)
     assert surefoot("bench", "expert", *args) == 0

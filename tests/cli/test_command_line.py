@@ -1,6 +1,7 @@
 """Options are read as tyro reads them, and the help fits the width of the terminal."""
 
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ import tyro
 from surefoot.cli.command_line import field_docstrings, filled, read_options
 from surefoot.cli.main import COMMANDS
 from surefoot.config import METHODS, Config
+from tests.cases import first_often
 
 
 @dataclass(frozen=True)
@@ -82,21 +84,26 @@ def test_the_help_keeps_no_line_break_of_the_source(capsys, monkeypatch):
     assert "a second line. (default: 1.0)" not in lines  # it would begin a line of its own
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("columns", [80, 120])
-def test_the_help_of_a_command_fits_the_terminal(surefoot, capsys, monkeypatch, command, columns):
+# Every command in a narrow terminal, and one of them in a wide one.
+@pytest.mark.parametrize(
+    ("columns", "command"),
+    first_often(len(COMMANDS) + 1, [*product([80], COMMANDS), *product([120], COMMANDS)]),
+)
+def test_each_command_has_help_of_its_own_that_fits_the_terminal(
+    surefoot, capsys, monkeypatch, command, columns
+):
     monkeypatch.setenv("COLUMNS", str(columns))
     assert surefoot(command, "--help") == 0
     text = capsys.readouterr().out
+    assert text.startswith(f"usage: surefoot {command} ")
+    assert "options" in text
     assert "\n\n\n" not in text
     lines = text.splitlines()
     assert max(len(line) for line in lines) <= columns
 
 
-def test_a_union_is_decided_by_the_default():
-    for kind in METHODS.values():
-        default = Config(method=kind())
-        config = tyro.conf.AvoidSubcommands[Config]
-        assert read_options(Config, [], "config", default) == tyro.cli(
-            config, args=[], default=default
-        )
+@pytest.mark.parametrize("method", first_often(2, METHODS))
+def test_a_union_is_decided_by_the_default(method):
+    default = Config(method=METHODS[method]())
+    config = tyro.conf.AvoidSubcommands[Config]
+    assert read_options(Config, [], "config", default) == tyro.cli(config, args=[], default=default)

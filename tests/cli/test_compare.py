@@ -58,7 +58,7 @@ def test_without_pybullet_the_option_for_mujoco_is_named(surefoot, capsys, monke
 
 def test_options_without_pushes_are_an_error(surefoot, capsys, run_folder):
     assert surefoot("compare", run_folder, "--no-pushes", "--push-speeds", 2) == 2
-    assert "--push-speeds without pushes" in capsys.readouterr().err
+    assert "--push-speeds without pushes; leave --no-pushes out" in capsys.readouterr().err
 
 
 def test_the_default_disturbance_is_that_of_the_first_run(run_folder, tmp_path):

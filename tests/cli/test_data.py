@@ -19,16 +19,21 @@ from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.run import open_run
 from tests.fakes.killed import Killed
 
+TINY = ("--config.training.batch", 32, "--config.policy.hidden", 16, 16)
+NAMED = ("--config.training.precision", "float32")
+"""`auto` measures for seconds, and the bits of a network would differ from fit to fit."""
 
-@pytest.fixture
-def logs(run_folder, tmp_path):
-    """Two logs of the run's own frames."""
+
+@pytest.fixture(scope="module")
+def logs(run_folder, tmp_path_factory):
+    """Two logs of the run's own frames; tests must not change them."""
+    folder = tmp_path_factory.mktemp("logs")
     frames = open_run(run_folder).dataset.load()
     paths = []
     for n, episode in enumerate(np.unique(frames.episode)[:2]):
         part = frames[frames.episode == episode]
         arrays = {name: getattr(part, name) for name in ("q", "v", "torque", "command", "tick")}
-        paths.append(tmp_path / f"log{n}.npz")
+        paths.append(folder / f"log{n}.npz")
         np.savez(paths[-1], **arrays)
     return paths
 
@@ -41,9 +46,8 @@ def test_logs_become_a_dataset_and_that_a_policy(surefoot, logs, tmp_path, capsy
     assert f"{data}: 2 episodes" in shown.out
     assert "import:" in shown.err
     out = tmp_path / "policy.safetensors"
-    options = ["--config.training.batch", 32, "--config.policy.hidden", 16, 16]
     report = tmp_path / "report.json"
-    assert surefoot("fit", data, out, "--epochs", 2, "--json", report, *options) == 0
+    assert surefoot("fit", data, out, "--epochs", 2, "--json", report, *TINY, *NAMED) == 0
     fit = read_json(report)
     assert (fit["policy"], fit["dataset_hash"]) == (str(out), Dataset(data).hash)
     assert (fit["frames"], len(fit["train_loss"])) == (Dataset(data).frames, 2)
@@ -62,9 +66,8 @@ def test_a_policy_of_any_layout_and_robot_is_fitted(surefoot, logs, tmp_path):
     mine = tmp_path / "mine.json"
     write_json(mine, to_json(replace(SOLO12, name="mine")))
     out = tmp_path / "policy.safetensors"
-    options = ["--config.training.batch", 32, "--config.policy.hidden", 16, 16, "--robot", mine]
-    layout = ["--config.policy.layout", "proprioceptive"]
-    assert surefoot("fit", data, out, "--epochs", 1, *options, *layout) == 0
+    options = ("--robot", mine, "--config.policy.layout", "proprioceptive")
+    assert surefoot("fit", data, out, "--epochs", 1, *TINY, *NAMED, *options) == 0
     policy = load(out, "mine", "proprioceptive")
     assert policy.limits is not None
     assert policy.limits.torque == tuple(load_robot("solo12").torque_limit.tolist())
@@ -87,10 +90,8 @@ def fitted(surefoot, logs, tmp_path):
 
     def fit(*options):
         out = tmp_path / "policy.safetensors"
-        # `auto` chooses by measured times, so that the bits would differ from fit to fit.
-        fixed = ("--config.training.precision", "float32")
         common = ("--epochs", 1, "--config.training.batch", 32, "--config.policy.hidden", 8)
-        assert surefoot("fit", data, out, *fixed, *common, *options) == 0
+        assert surefoot("fit", data, out, *NAMED, *common, *options) == 0
         return load(out)
 
     return fit
@@ -119,10 +120,11 @@ def test_every_option_for_the_seed_of_a_fit_counts(fitted):
     def weights(*options):
         return fitted(*options).network.linear[0].weight.tolist()
 
+    plain = weights()
     asked = weights("--seed", 5)
     assert asked == weights("--config.training.seed", 5) == weights("--config.seed", 5)
-    assert asked == weights("--config.seed", 6, "--seed", 5) != weights()
-    assert weights() == weights("--seed", 0)
+    assert asked == weights("--config.seed", 6, "--seed", 5) != plain
+    assert plain == weights("--seed", 0)
 
 
 def test_two_seeds_for_one_fit_are_refused(surefoot, logs, tmp_path, capsys):

@@ -309,7 +309,7 @@ def test_a_policy_of_another_robot_in_no_run_is_evaluated_from_what_is_prepared(
         expert = replace(config.expert, command_gain=(1.1, 1.0, 1.2))
         return replace(config, start_set=str(states), expert=expert)
 
-    monkeypatch.setattr("surefoot.runs.policies.completed", prepare)
+    monkeypatch.setattr("surefoot.scenarios.prepare.completed", prepare)
     network = PolicyNetwork(PolicyConfig(hidden=(8,)))
     path = tmp_path / "policies" / "go2.safetensors"
     save(Policy(network, spec_of(PolicyConfig()), np.zeros((2, 3)), robot="go2"), path)

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from threading import Thread
 
 import pytest
@@ -20,6 +21,7 @@ from surefoot.field import session
 from surefoot.field.attempts import Attempt, RobotCost, cost_of, read_attempts, write_attempts
 from surefoot.robots.load import load_robot
 from surefoot.runs.run import open_run
+from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.twin.serve import make_twin
 from surefoot.types import JOINTS
 from tests.fakes.bridge_process import PATIENT
@@ -36,6 +38,8 @@ TINY = (
     *("--runtime.stand", 0.3),
 )
 """Too small to learn anything: the robot falls, or the expert holds it."""
+QUICK = ("--preset", "quick", "--unattended", "--config.training.precision", "float32")
+"""A precision by its name: a run would measure which one is faster for seconds."""
 PATIENCE = 300.0
 """[s] The machine may be busy."""
 
@@ -105,16 +109,21 @@ def test_a_bridge_that_is_not_there_is_one_clear_line(surefoot, tmp_path, capsys
     channel = UdpChannel()
     address = address_text(channel.address)
     channel.close()
-    args = ("learn", "--robot", address, "--run", tmp_path / "run", "--unattended")
-    assert surefoot(*args) == 2
+    args = ("learn", "--robot", address, "--run", tmp_path / "run", *QUICK)
+    assert surefoot(*args, "--device", "cpu") == 2
     assert f"surefoot: no bridge answers at {address}" in capsys.readouterr().err
+    assert open_run(tmp_path / "run").config.training.device == "cpu"
 
 
 def test_a_bridge_of_another_robot_is_refused_before_any_work(surefoot, address, tmp_path, capsys):
     run = tmp_path / "run"
-    options = ("--run", run, "--preset", "quick", "--config.robot.model", "go2", "--unattended")
-    wide = ("--config.start-set", "solo12-trot-v1")
-    assert surefoot("learn", "--robot", address, "--lockstep", *options, *wide) == 2
+    options = ("--run", run, *QUICK, "--config.robot.model", "go2")
+    # Without these, what another robot needs would be measured.
+    states = tmp_path / "go2.npz"
+    save_starts(replace(load_starts(), robot="go2"), states)
+    given = ("--config.start-set", states, "--config.expert.command-gain", 1, 1, 1)
+    assert surefoot("learn", "--robot", address, "--lockstep", *options, *given) == 2
+    assert "the bridge serves the robot solo12, and the configuration" in capsys.readouterr().err
     assert not (run / "data").exists()
 
 
@@ -138,7 +147,7 @@ def test_a_bridge_of_another_rate_or_joint_order_is_refused_before_any_work(
     thread = Thread(target=serve, args=(bridge, lambda: going[0]))
     thread.start()
     run = tmp_path / "run"
-    options = ("--run", run, "--preset", "quick", "--unattended")
+    options = ("--run", run, *QUICK)
     try:
         assert surefoot("learn", "--robot", address_text(channel.address), *options) == 2
     finally:
@@ -162,7 +171,8 @@ def test_a_bridge_of_another_rate_or_joint_order_is_refused_before_any_work(
     ],
 )
 def test_options_that_make_no_sense_are_refused(surefoot, tmp_path, capsys, args, message):
-    assert surefoot("learn", "--run", tmp_path / "run", *args) == 2
+    precision = ("--config.training.precision", "float32")
+    assert surefoot("learn", "--run", tmp_path / "run", *precision, *args) == 2
     printed = capsys.readouterr()
     assert message in printed.err + printed.out
 

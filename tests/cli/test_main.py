@@ -74,15 +74,6 @@ def test_a_wrong_command_lists_the_commands(surefoot, capsys):
     assert all(name in error for name in COMMANDS)
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-def test_each_command_has_help_of_its_own(surefoot, capsys, monkeypatch, command):
-    monkeypatch.setenv("COLUMNS", "100")
-    assert surefoot(command, "--help") == 0
-    text = capsys.readouterr().out
-    assert text.startswith(f"usage: surefoot {command} ")
-    assert "options" in text
-
-
 @pytest.mark.parametrize(
     ("command", "report"),
     [

@@ -1,9 +1,6 @@
-"""What several commands share: the simulator, workers, films, figures."""
+"""Options that several commands share: the simulator, gaits, pushes, workers."""
 
-import json
-import os
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,61 +8,20 @@ import pytest
 from surefoot.cli.main import parse
 from surefoot.cli.options import (
     OnHardware,
+    OnPushes,
     OnSimulator,
     OnTerrain,
     OnWorkers,
     check_seconds,
-    film_episode,
-    show_record,
 )
 from surefoot.cli.train import parse_train
 from surefoot.config import Config, SimulationConfig
+from surefoot.config.evaluation import shortened
 from surefoot.config.gait_table import gait_name
-from surefoot.files import WriteError
-from surefoot.robots.solo12 import solo12
-from surefoot.viz.film import Recording
-from surefoot.viz.renderer import RenderingUnavailable
+from surefoot.robots.scaling import with_own_values
 from surefoot.workers import Workers
 
-
-@dataclass(frozen=True)
-class Report:
-    share: float
-    pushes: tuple[float, ...]
-    file: Path
-
-
-def test_a_record_is_printed_and_written(capsys, tmp_path):
-    record = Report(np.nan, (0.5, 1.0), Path("a"))
-    file = tmp_path / "figures.json"
-    show_record(record, file)
-    assert capsys.readouterr().out.splitlines() == [
-        "share                  null",
-        "pushes                 [0.5, 1.0]",
-        'file                   "a"',
-    ]
-    assert json.loads(file.read_text()) == {"share": None, "pushes": [0.5, 1.0], "file": "a"}
-
-
-def test_a_record_is_written_before_it_is_printed(monkeypatch, tmp_path):
-    class Full:
-        def write(self, text: str) -> int:
-            raise OSError("disk full")
-
-        def flush(self) -> None:
-            pass
-
-    file = tmp_path / "figures.json"
-    monkeypatch.setattr("sys.stdout", Full())
-    with pytest.raises(OSError, match="disk full"):
-        show_record(Report(0.5, (), Path("a")), file)
-    assert json.loads(file.read_text())["share"] == 0.5
-
-
-def test_a_record_that_cannot_be_written_is_printed(capsys, tmp_path):
-    with pytest.raises(WriteError):
-        show_record(Report(0.5, (), Path("a")), tmp_path)
-    assert "0.5" in capsys.readouterr().out
+PUSH = with_own_values(Config()).push
 
 
 @pytest.mark.parametrize("seconds", [0.0, -1.0, 0.0005, 3601.0, 1e12, np.inf, np.nan])
@@ -112,34 +68,6 @@ def test_each_command_takes_a_terrain(args):
         replace(command, terrain="rocks:1").on_terrain(Config())
 
 
-def test_a_film_that_cannot_be_made_is_said(capsys, monkeypatch, tmp_path):
-    def fail(*_: object) -> Path:
-        raise RenderingUnavailable("no EGL")
-
-    robot = solo12()
-    recording = Recording(robot, SimulationConfig(), np.tile(robot.nominal, (10, 1)))
-    out = tmp_path / "folder" / "film.mp4"
-    monkeypatch.setattr("surefoot.viz.film.contact_sheet", fail)
-    assert not film_episode(recording, out, "title")
-    assert capsys.readouterr().err == "no video: no EGL\n"
-    monkeypatch.setattr("surefoot.viz.film.contact_sheet", lambda recording, path: path)
-    monkeypatch.setattr("surefoot.viz.film.film", lambda recording, path, title: path)
-    assert film_episode(recording, out, "title")
-    assert capsys.readouterr().out == f"frames: {out.with_suffix('.png')}\nvideo:  {out}\n"
-
-
-def test_nothing_is_written_beside_a_stream(monkeypatch, tmp_path):
-    robot = solo12()
-    recording = Recording(robot, SimulationConfig(), np.tile(robot.nominal, (10, 1)))
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    films = []
-    monkeypatch.setattr("surefoot.viz.film.film", lambda recording, path, title: films.append(path))
-    film_episode(recording, pipe, "title")
-    assert films == [pipe]
-    assert list(tmp_path.iterdir()) == [pipe]
-
-
 def test_a_hardware_profile_is_put_into_the_configuration():
     config = Config()
     assert OnHardware().with_profile(config) is config
@@ -169,6 +97,16 @@ def test_several_gaits_are_options_of_any_number():
     assert [gait_name(gait) for gait in train.config.gaits] == ["walk", "bound", "trot"]
     one = parse_train(["loco_safe_dagger", "--gaits", "walk"])
     assert one.config == parse_train(["loco_safe_dagger", "--gait", "walk"]).config
+    again = parse_train(["loco_safe_dagger", "--gaits", "bound", "trot", "--gaits", "walk"])
+    assert again == one
+
+
+def test_no_gait_may_be_said_in_words():
+    default = parse_train(["loco_safe_dagger"])
+    assert parse_train(["loco_safe_dagger", "--gait", "None"]) == default
+    assert parse_train(["loco_safe_dagger", "--gaits", "None"]) == default
+    alone = parse_train(["loco_safe_dagger", "--gait", "None", "--gaits", "walk"])
+    assert alone.config == parse_train(["loco_safe_dagger", "--gait", "walk"]).config
 
 
 @pytest.mark.parametrize(
@@ -203,3 +141,39 @@ def test_workers_that_cannot_be_are_refused_when_the_options_are_read(capsys, ar
     with pytest.raises(SystemExit):
         parse([*args, "--workers", "0"])
     assert "0 workers; use at least 1" in capsys.readouterr().err
+
+
+def test_without_options_the_pushes_are_those_of_the_run():
+    assert OnPushes().shortened(PUSH) == PUSH
+    own = replace(PUSH, speeds=3, before=0.5)
+    assert OnPushes(push_directions=4).shortened(own) == replace(own, directions=4)
+
+
+@pytest.mark.parametrize(
+    ("resolution", "levels"), [(0.2, 30), (0.4, 15), (0.8, 8), (0.1, 60), (100.0, 1)]
+)
+def test_coarser_levels_reach_about_as_far(resolution, levels):
+    pushes = OnPushes(push_resolution=resolution).shortened(PUSH)
+    assert pushes == replace(PUSH, resolution=resolution, levels=levels)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"speeds": 0}, "push.speeds"),
+        ({"directions": 361}, "push.directions"),
+        ({"resolution": 0.0}, "push.resolution"),
+        ({"resolution": -1.0}, "push.resolution"),
+        ({"resolution": float("nan")}, "push.resolution"),
+    ],
+)
+def test_numbers_out_of_range_are_named(options, message):
+    with pytest.raises(ValueError, match=message):
+        shortened(PUSH, **options)
+
+
+def test_options_need_pushes():
+    OnPushes(push_speeds=2).check_pushed(True, "push")
+    OnPushes().check_pushed(False, "push")
+    with pytest.raises(ValueError, match="--push-speeds, --push-resolution without pushes; push"):
+        OnPushes(push_speeds=2, push_resolution=0.5).check_pushed(False, "push")

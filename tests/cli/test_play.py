@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +14,13 @@ from surefoot.config.json_io import to_json
 from surefoot.config.robot_table import SOLO12
 from surefoot.deploy.recorder import save_flight
 from surefoot.files import WriteError, write_json
+from surefoot.learning.network import PolicyNetwork
+from surefoot.learning.policy import Policy
 from surefoot.rollouts.jobs import play_out
 from surefoot.runs.run import open_run
+from surefoot.types import Command
 from surefoot.viz.replay import recorded_episode
+from tests.fakes.learning import SMALL, spec_of
 from tests.fakes.robots import needs_pybullet
 from tests.viz.test_flight import flight_of
 
@@ -80,8 +85,8 @@ def test_a_film_that_was_asked_for_by_name_and_cannot_be_made_is_a_failure(
     assert surefoot("play", file) == 0
     assert surefoot("play", file, "--out", tmp_path / "flight.mp4") == 1
     monkeypatch.chdir(tmp_path)
-    assert surefoot("play", "--seconds", 2.0) == 0
-    assert surefoot("play", "--seconds", 2.0, "--out", "play.mp4") == 1
+    assert surefoot("play", "--seconds", 0.3) == 0
+    assert surefoot("play", "--seconds", 0.3, "--out", "play.mp4") == 1
 
 
 def test_an_episode_needs_the_run_that_recorded_it(surefoot, capsys):
@@ -133,6 +138,20 @@ def test_a_command_outside_the_training_warns(surefoot, films, run_folder, tmp_p
         surefoot("play", policy, "--vx", 1.5, "--seconds", 0.1)
     [(_, out, _)] = films
     assert out == tmp_path / "play.mp4"
+
+
+def test_a_command_within_the_training_does_not_warn():
+    low = [0.0, -0.1, 0.0]
+    high = [0.3, 0.1, 0.0]
+    policy = Policy(PolicyNetwork(SMALL, 1), spec_of(SMALL), [low, high], "solo12")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        play.check_command(policy, Command(*low))
+        play.check_command(policy, Command(*high))
+    with pytest.warns(UserWarning, match=r"outside what the policy was trained on.*0\.3"):
+        play.check_command(policy, Command(0.5))
+    with pytest.warns(UserWarning, match="outside what the policy was trained on"):
+        play.check_command(policy, Command(0.2, -0.11))
 
 
 def test_an_iteration_needs_an_episode(surefoot, capsys, run_folder):
@@ -227,7 +246,7 @@ def test_a_report_that_cannot_be_written_costs_no_log(
     def full(path, record):
         raise WriteError("the disk is full")
 
-    monkeypatch.setattr("surefoot.cli.options.write_json", full)
+    monkeypatch.setattr("surefoot.cli.episodes.write_json", full)
     log = tmp_path / "log.csv"
     options = ("--seconds", 0.01, "--json", tmp_path / "play.json", "--log", log)
     assert surefoot("play", run_folder, *options) == 2

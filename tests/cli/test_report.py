@@ -13,7 +13,8 @@ from tests.fakes.study_folders import paper_like, write_study
 @pytest.fixture
 def study_folder(tmp_path):
     study = paper_like(1)
-    study = replace(study, techniques=study.techniques[:2], comparisons=(), claims="none")
+    small = {"techniques": study.techniques[:2], "measurements": study.measurements[:1]}
+    study = replace(study, **small, comparisons=(), claims="none")
     return write_study(tmp_path / "studies" / "mine", study, iterations=1)
 
 
@@ -77,10 +78,17 @@ def test_a_folder_without_either_is_an_error(surefoot, capsys, tmp_path):
 
 
 def test_results_of_several_commits_are_refused(surefoot, capsys, study_folder):
-    [job] = (study_folder / "behavior_cloning/seed-0/jobs").glob("push*.json")
+    [job] = (study_folder / "behavior_cloning/seed-0/jobs").glob("test*.json")
     job.write_text(job.read_text().replace("c0ffee", "decaf0"))
     assert surefoot("report", study_folder) == 2
     assert "several commits (c0ffee, decaf0)" in capsys.readouterr().err
+
+
+def test_results_of_several_precisions_are_refused(surefoot, capsys, study_folder):
+    [job] = (study_folder / "behavior_cloning/seed-0/jobs").glob("test*.json")
+    job.write_text(job.read_text().replace('"float32"', '"bfloat16"'))
+    assert surefoot("report", study_folder) == 2
+    assert "several precisions (bfloat16, float32)" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("option", ["--json", "--tables"])

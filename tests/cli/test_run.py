@@ -84,15 +84,15 @@ def test_a_policy_drives_a_twin_and_is_stopped(surefoot, policy, twin, tmp_path,
     simulated, address = twin
     file = tmp_path / "run.json"
     recording = tmp_path / "flight.npz"
-    options = ("--lockstep", "--start", "--seconds", 0.8, "--recording", recording, "--keep")
+    options = ("--lockstep", "--start", "--seconds", 0.5, "--recording", recording, "--keep")
     assert surefoot("run", policy, "--robot", address, *options, *SHORT, "--json", file) == 0
     report = json.loads(file.read_text())
     assert set(report) == set(DriveReport.__dataclass_fields__)
     assert report["fault"] == ""
-    assert report["seconds"] == pytest.approx(0.5, abs=0.01)
-    assert report["ticks"] >= 800
-    assert len(load_flight(recording).tick) >= 800
-    assert wait_for(lambda: simulated.bridge.commands >= 799)
+    assert report["seconds"] == pytest.approx(0.2, abs=0.01)
+    assert report["ticks"] >= 500
+    assert len(load_flight(recording).tick) >= 500
+    assert wait_for(lambda: simulated.bridge.commands >= 499)
     assert "latched: the runtime asked for it" in seen(simulated)
 
 
@@ -103,28 +103,28 @@ def test_numpy_onnx_runtime_and_tyro_are_enough_to_drive(twin, tmp_path):
     file = tmp_path / "run.json"
     recording = ("--recording", tmp_path / "flight.npz", "--keep")
     # A velocity out of range is warned of, since the log is shown without bars too.
-    options = ("--lockstep", "--start", "--seconds", 0.8, "--gate", "damp", "--vx", 9.0)
+    options = ("--lockstep", "--start", "--seconds", 0.5, "--gate", "damp", "--vx", 9.0)
     run = ("run", bounded, "--robot", address, *options, *recording, *SHORT, "--json", file)
     program = [sys.executable, "-m", "tests.fakes.robot_computer", *map(str, run)]
     child = subprocess.run(program, capture_output=True, text=True)
     assert child.returncode == 0, child.stderr
     assert "lies outside of what the policy was trained on" in child.stderr
-    assert json.loads(file.read_text())["seconds"] == pytest.approx(0.5, abs=0.01)
-    assert len(load_flight(tmp_path / "flight.npz").tick) >= 800
-    assert wait_for(lambda: simulated.bridge.commands >= 799)
+    assert json.loads(file.read_text())["seconds"] == pytest.approx(0.2, abs=0.01)
+    assert len(load_flight(tmp_path / "flight.npz").tick) >= 500
+    assert wait_for(lambda: simulated.bridge.commands >= 499)
 
 
 def test_a_second_runtime_finds_the_robot_set_up_again(surefoot, policy, twin, tmp_path):
     simulated, address = twin
-    options = ("--lockstep", "--start", "--seconds", 0.8, *SHORT)
+    options = ("--lockstep", "--start", "--seconds", 0.5, *SHORT)
     recording = ("--recording", tmp_path / "flight.npz")
     lying = simulated.driver.read()
     assert surefoot("run", policy, "--robot", address, *options, *recording) == 0
     assert simulated.driver.read() != lying
     # A second of the robot's has to pass, after which it is set up again.
-    assert wait_for(lambda: simulated.driver.time_ns > 2_200_000_000)
+    assert wait_for(lambda: simulated.driver.time_ns > 1_900_000_000)
     assert surefoot("run", policy, "--robot", address, *options, *recording) == 0
-    assert wait_for(lambda: simulated.bridge.commands >= 799)
+    assert wait_for(lambda: simulated.bridge.commands >= 499)
 
 
 def test_a_fault_ends_with_status_1_and_is_recorded(surefoot, policy, twin, tmp_path, capsys):
@@ -142,7 +142,7 @@ def test_a_fault_ends_with_status_1_and_is_recorded(surefoot, policy, twin, tmp_
 
 @pytest.mark.parametrize(
     ("lowest", "fault", "driven"),
-    [(0.1, "", pytest.approx(0.5, abs=0.01)), (0.3, "gate", pytest.approx(0.001))],
+    [(0.1, "", pytest.approx(0.2, abs=0.01)), (0.3, "gate", pytest.approx(0.001))],
 )
 def test_outside_of_its_policys_bounds_a_robot_is_damped_if_that_is_asked_for(
     surefoot, twin, tmp_path, lowest, fault, driven
@@ -151,7 +151,7 @@ def test_outside_of_its_policys_bounds_a_robot_is_damped_if_that_is_asked_for(
     bounds = SafetyBounds((lowest, 0.5), (-0.5, 0.5), (-0.5, 0.5), ((-4.0, 4.0),) * 12)
     bounded = standing_file(tmp_path, bounds)
     file = tmp_path / "run.json"
-    options = ("--lockstep", "--start", "--seconds", 0.8, "--recording", tmp_path / "flight.npz")
+    options = ("--lockstep", "--start", "--seconds", 0.5, "--recording", tmp_path / "flight.npz")
     run = ("run", bounded, "--robot", address, "--gate", "damp", *options, *SHORT)
     assert surefoot(*run, "--json", file) == int(bool(fault))
     report = json.loads(file.read_text())

@@ -104,13 +104,6 @@ def test_the_file_of_a_study_that_has_begun_is_a_study_too(folder):
     assert study.study_named(str(folder / "study.json")) == SMOKE
 
 
-def test_a_study_that_has_begun_in_the_folder_of_its_file_goes_on_there(surefoot, elsewhere):
-    mine = replace(SMOKE, name="mine")
-    save_setup(elsewhere / "studies" / "a", StudySetup(mine, None, "0", "float32"))
-    assert surefoot("study", "pause", "grids/a.json") == 0
-    assert is_paused(elsewhere / "studies" / "a")
-
-
 def test_a_study_goes_on_with_the_jobs_that_it_began_with(surefoot, folder, monkeypatch, capsys):
     # Its beginnings are those of its file, whatever cells would share one today.
     setup = read_study(folder)
@@ -192,6 +185,29 @@ def test_an_estimate_for_some_jobs_is_of_them_and_those_that_they_need(
     report = json.loads(file.read_text())
     needed = ["train--behavior_cloning--seed-1", chosen]
     assert [job["name"] for job in report["jobs"]] == needed
+
+
+def test_an_estimate_of_a_study_that_has_begun_is_of_the_jobs_with_which_it_began(
+    surefoot, monkeypatch, folder, tmp_path
+):
+    monkeypatch.setattr(
+        "surefoot.study.estimate.estimate_study",
+        lambda study, jobs: Estimate({job.name: 1800.0 for job in jobs}, "a processor"),
+    )
+    (folder / "study.json").unlink()
+    begun = StudySetup(SMOKE, None, "0", "float32", beginnings={})
+    save_setup(folder, begun)
+    names = {job.name for job in begun.jobs}
+    shared = next(job.name for job in jobs_of(SMOKE) if job.kind == "share")
+    file = tmp_path / "estimate.json"
+    asked = ("study", folder, "--estimate", "--json", file)
+    assert surefoot(*asked) == 0
+    assert {job["name"] for job in json.loads(file.read_text())["jobs"]} == names
+    assert surefoot(*asked, "--jobs", shared) == 2
+    other = tmp_path / "other.json"
+    other.write_text(json.dumps(to_json(replace(SMOKE, title="Another"))))
+    assert surefoot("study", other, "--folder", folder, "--estimate", "--json", file) == 0
+    assert shared in {job["name"] for job in json.loads(file.read_text())["jobs"]}
 
 
 @pytest.mark.parametrize("words", [("smoke",), ("smoke", "--estimate"), ("status", "smoke")])

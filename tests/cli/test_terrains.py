@@ -15,6 +15,7 @@ from surefoot.config.robot_table import SOLO12
 from surefoot.config.sim import GROUNDS
 from surefoot.runs import policies
 from surefoot.runs.policies import PACKAGED_POLICY
+from surefoot.scenarios import prepare
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.terrain_table import TerrainCell, TerrainTable, Walker
 from tests.fakes.results import robustness
@@ -79,9 +80,11 @@ def test_what_cannot_be_done_is_refused_before_any_work(
     assert asked == []
 
 
-def test_a_policy_in_no_run_is_prepared(surefoot, asked, monkeypatch):
+def test_a_policy_in_no_run_is_prepared(surefoot, asked, monkeypatch, run_folder):
     completed = []
-    monkeypatch.setattr(policies, "completed", lambda config: completed.append(config) or config)
+    monkeypatch.setattr(prepare, "completed", lambda config: completed.append(config) or config)
+    assert surefoot("terrains", run_folder) == 0
+    assert completed == []
     assert surefoot("terrains", PACKAGED_POLICY) == 0
     assert [config.robot.model for config in completed] == ["solo12"]
 

@@ -7,25 +7,18 @@ import pytest
 from surefoot.config import (
     METHODS,
     BehaviorCloningConfig,
-    CommandBox,
-    Config,
     DaggerConfig,
     DisturbanceConfig,
-    ExpertConfig,
     ExpertData,
-    Gait,
     LocoDaggerConfig,
     LocoSafeDaggerConfig,
-    OtherGait,
     PolicyConfig,
     RobotConfig,
     SafeDaggerConfig,
     SafetyConfig,
-    SimulationConfig,
 )
-from surefoot.config.gait_table import GAITS
 from surefoot.config.learning import Steps
-from surefoot.config.presets import PRESETS, ground_for, preset, with_earlier_ground, with_ground
+from surefoot.config.presets import PRESETS, preset
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import with_own_values
 
@@ -142,40 +135,6 @@ def test_an_unknown_preset_or_method_names_the_nearest():
         preset("locosafedagger")
 
 
-def rules(config: Config) -> tuple[float | None, float | None]:
-    expert = with_own_values(config).expert
-    return expert.turn_compensation, expert.capture_share
-
-
-@pytest.mark.parametrize("name", PRESETS)
-def test_the_presets_keep_the_experts_rules_of_the_first_initial_states(name):
-    assert rules(preset("dagger", name)) == (0.0, 0.0)
-
-
-@pytest.mark.parametrize(
-    "config",
-    [
-        Config(gait=Gait(period=0.4)),
-        Config(commands=CommandBox(vy=(-0.1, 0.1))),
-        Config(robot=RobotConfig("go2")),
-    ],
-)
-def test_other_gaits_commands_and_robots_get_the_all_round_rules(config):
-    assert rules(config) == (0.3, 0.25)
-
-
-def test_rules_that_were_chosen_stay_even_where_they_are_no_others_default():
-    box = CommandBox(vy=(-0.1, 0.1))
-    assert rules(Config(commands=box, expert=ExpertConfig(turn_compensation=0.2))) == (0.2, 0.25)
-    none = ExpertConfig(turn_compensation=0.0, capture_share=0.0)
-    assert rules(Config(commands=box, expert=none)) == (0.0, 0.0)
-
-
-def test_published_rules_have_neither():
-    config = replace(preset("dagger", "paper"), commands=CommandBox(vy=(-0.1, 0.1)))
-    assert rules(config) == (0.0, 0.0)
-
-
 def test_the_pushes_of_a_preset_are_as_hard_for_the_mass_of_a_robot():
     solo12 = with_own_values(preset("loco_safe_dagger"))
     assert (solo12.collection.impulse, solo12.collection.expert_impulse) == ((0.3, 1.5), (0.5, 3))
@@ -187,37 +146,3 @@ def test_the_pushes_of_a_preset_are_as_hard_for_the_mass_of_a_robot():
     assert go2.push.resolution == pytest.approx(0.2 * ratio, rel=1e-3)
     given = replace(config, collection=DisturbanceConfig(1, impulse=(1.0, 2.0)))
     assert with_own_values(given).collection.impulse == (1.0, 2.0)
-
-
-def test_the_ground_under_the_feet_is_planned_on_where_robots_may_meet_uneven_ground():
-    hills = SimulationConfig(terrain="flat,slope:0..10")
-    assert ground_for(Config()) == "level"
-    assert ground_for(Config(simulation=hills)) == "feet"
-    assert ground_for(Config(simulation=hills, robot=RobotConfig("go2"))) == "feet"
-    published = ExpertConfig(foothold_rule="published")
-    assert ground_for(Config(simulation=hills, expert=published)) == "level"
-
-
-def test_the_ground_is_written_down_where_there_is_a_terrain():
-    hills = Config(simulation=SimulationConfig(terrain="slope:5"))
-    published = replace(hills, expert=ExpertConfig(foothold_rule="published"))
-    chosen = replace(hills, expert=ExpertConfig(ground="level"))
-    assert with_ground(Config()) == Config()
-    assert with_ground(hills).expert.ground == "feet"
-    assert with_ground(published).expert.ground == "level"
-    assert with_ground(chosen) == chosen
-
-
-def test_a_run_on_a_terrain_that_says_nothing_of_its_ground_planned_on_level_ground():
-    bound = GAITS["bound"]
-    pronk = OtherGait(GAITS["pronk"])
-    hills = Config(
-        simulation=SimulationConfig(terrain="slope:5"),
-        other_gaits=(OtherGait(bound, ExpertConfig()), pronk),
-    )
-    read = with_earlier_ground(hills)
-    assert read.expert.ground == "level"
-    assert read.other_gaits == (OtherGait(bound, ExpertConfig(ground="level")), pronk)
-    assert with_earlier_ground(Config()) == Config()
-    felt = replace(hills, expert=ExpertConfig(ground="feet"), other_gaits=())
-    assert with_earlier_ground(felt) == felt

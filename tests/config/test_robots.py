@@ -40,6 +40,13 @@ def test_a_spec_that_describes_no_robot_is_refused(change, text):
         replace(GO2, **change)
 
 
+def test_names_in_the_urdf_come_leg_by_leg():
+    joints = [*GO2.source_joints]
+    assert joints[:4] == ["FL_hip_joint", "FL_thigh_joint", "FL_calf_joint", "FR_hip_joint"]
+    assert len(joints) == 12
+    assert GO2.source_feet == ("FL_foot", "FR_foot", "RL_foot", "RR_foot")
+
+
 @pytest.mark.parametrize("spec", ROBOTS.values(), ids=lambda spec: spec.name)
 def test_a_spec_survives_json(spec):
     assert from_json(RobotSpec, to_json(spec)) == spec

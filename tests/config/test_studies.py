@@ -37,7 +37,7 @@ def test_the_paper_study_runs_the_papers_own_protocol():
     [setting] = study.settings
     methods = {}
     for technique in study.techniques:
-        config = config_of(technique, setting, 0)
+        config = config_of(technique, setting)
         assert config.simulation.backend == "bullet"
         assert config.expert.foothold_rule == "published"
         methods[technique.name] = config.method
@@ -55,7 +55,7 @@ def test_the_paper_study_runs_the_papers_own_protocol():
 def test_the_regimes_train_as_dependably_as_is_known():
     study = named_study("regimes")
     for technique in study.techniques[1:]:
-        config = config_of(technique, study.settings[0], 0)
+        config = config_of(technique, study.settings[0])
         training = config.training
         assert (training.learning_rate, training.schedule) == (8e-3, "cosine")
         assert (training.weight_decay, training.input_noise) == (0.3, 0.1)
@@ -72,7 +72,7 @@ def test_the_sensor_studies_differ_between_layouts_in_nothing_but_the_layout(nam
     study = named_study(name)
     seen: dict[str, set[str]] = {}
     for technique in study.techniques[1:]:
-        config = config_of(technique, study.settings[0], 0)
+        config = config_of(technique, study.settings[0])
         assert config.robot.model == robot
         assert config.budget.expert_seconds == 40.0
         same = to_json(replace(config, policy=replace(config.policy, layout="full")))
@@ -94,7 +94,7 @@ def test_pushes_of_the_sensor_studies_change_the_velocity_of_each_robot_alike():
 def test_iterative_techniques_of_the_paper_study_share_their_pretraining():
     study = named_study("paper")
     configs = [
-        config_of(technique, study.settings[0], 0)
+        config_of(technique, study.settings[0])
         for technique in study.techniques
         if "dagger" in technique.method
     ]
@@ -110,7 +110,7 @@ def test_what_the_study_of_options_compares_differs_in_one_option():
     for comparison in study.comparisons:
         setting = study.setting(comparison.setting)
         configs = [
-            to_json(config_of(study.technique(name), setting, 0))
+            to_json(config_of(study.technique(name), setting))
             for name in (comparison.technique, comparison.reference)
         ]
         differing = {key for key in configs[0] if configs[0][key] != configs[1][key]}

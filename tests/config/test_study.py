@@ -40,9 +40,8 @@ def test_a_study_is_the_same_after_it_was_written_and_read():
 
 
 def test_a_cell_has_the_preset_the_options_of_its_technique_then_those_of_its_setting():
-    config = config_of(SAFE, SETTING, seed=7)
+    config = config_of(SAFE, SETTING)
     expected = preset("loco_safe_dagger", "default")
-    assert config.seed == 7
     assert config.policy.hidden == (64, 64)
     assert config.method.T == 3.0  # type: ignore[union-attr]
     assert config.training == expected.training
@@ -50,11 +49,11 @@ def test_a_cell_has_the_preset_the_options_of_its_technique_then_those_of_its_se
 
 def test_the_expert_has_a_configuration_though_it_has_no_method():
     expert = Technique("expert", "expert", "expert", "paper")
-    assert config_of(expert, Setting("all", "all"), 0).simulation.backend == "bullet"
+    assert config_of(expert, Setting("all", "all")).simulation.backend == "bullet"
 
 
 def test_a_measurement_changes_only_its_options():
-    config = config_of(CLONING, Setting("all", "all"), 0)
+    config = config_of(CLONING, Setting("all", "all"))
     measured = measured_config(config, TEST)
     assert measured.evaluation.episodes == 20
     assert replace(measured, evaluation=config.evaluation) == config

@@ -6,13 +6,14 @@ import os
 import subprocess
 import sys
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import onnx
 import pytest
 
 from surefoot.deploy.description import KEY, NO_HASH, ExportFileError, file_hash
-from surefoot.deploy.export_file import read_export
+from surefoot.deploy.export_file import MOST_BYTES, read_export
 from surefoot.deploy.policy import load
 from surefoot.interop.logs.replay import reference_inputs, run_runtime, sensors_of, states_of
 from surefoot.interop.onnx.file import network_model
@@ -43,7 +44,7 @@ def rewritten(path, change, rehash=True):
 def test_the_runtime_answers_as_the_policy_itself_would(tmp_path, layout):
     """Tick by tick, with the history of the torques that were applied, clipped or not."""
     path, policy = exported(tmp_path, layout, torque_limit=(1.0,) * 12)
-    runtime = load(path, "solo12", JOINTS, layout)
+    runtime = load(path, "solo12", layout)
     log = smooth_log(130)
     if not runtime.needs_base:
         log = replace(log, base_height=None, linear_velocity=None)
@@ -212,12 +213,10 @@ def test_what_does_not_fit_is_refused_though_its_hash_does(tmp_path, change, tex
         load(path)
 
 
-def test_policies_of_another_robot_order_or_layout_are_refused(tmp_path):
+def test_policies_of_another_robot_or_layout_are_refused(tmp_path):
     path, _ = exported(tmp_path)
     with pytest.raises(ExportFileError, match=r"robot 'solo12', not of 'go2'; export one that was"):
         load(path, "go2")
-    with pytest.raises(ExportFileError, match="in another order than the robot"):
-        load(path, joints=JOINTS[::-1])
     with pytest.raises(ExportFileError, match="has the layout 'full', expected 'proprioceptive'"):
         load(path, layout="proprioceptive")
     with pytest.raises(FileNotFoundError, match="surefoot export POLICY"):
@@ -227,6 +226,23 @@ def test_policies_of_another_robot_order_or_layout_are_refused(tmp_path):
     os.mkfifo(tmp_path / "pipe.onnx")
     with pytest.raises(ExportFileError, match="not a regular file"):
         load(tmp_path / "pipe.onnx")
+
+
+def test_a_file_that_is_too_large_is_refused_without_being_read(tmp_path, monkeypatch):
+    path = tmp_path / "huge.onnx"
+    with path.open("wb") as file:
+        file.truncate(MOST_BYTES + 1)  # takes no space on the disk
+    monkeypatch.setattr(Path, "read_bytes", lambda _: pytest.fail("it was read"))
+    message = f"huge.onnx has {MOST_BYTES + 1} bytes; at most {MOST_BYTES} are read"
+    with pytest.raises(ExportFileError, match=message):
+        load(path)
+
+
+def test_without_onnx_runtime_the_error_says_how_to_install_it(tmp_path, monkeypatch):
+    path, _ = exported(tmp_path)
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(ImportError, match=r"ONNX Runtime is missing .*pip install onnxruntime"):
+        load(path)
 
 
 def test_files_of_other_programs_and_pipelines_are_refused(tmp_path):

@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
+from surefoot.deploy import udp_robot
 from surefoot.deploy.bridge import MOST_DATAGRAMS
-from surefoot.deploy.udp_robot import UdpRobot, address_text, parse_address
+from surefoot.deploy.udp_robot import UdpRobot, address_text, parse_address, robot_at
 
 
 def test_a_name_is_resolved_because_senders_are_numbers():
@@ -21,6 +22,19 @@ def test_a_name_that_nobody_knows_is_a_clear_error(monkeypatch):
     monkeypatch.setattr(socket, "gethostbyname", unknown)
     with pytest.raises(ValueError, match=r"the host 'robto' has no IPv4 address .*give the number"):
         parse_address("udp://robto:5151")
+
+
+@pytest.mark.parametrize(
+    ("bridge", "heard"),
+    [("127.0.0.1", "127.0.0.1"), ("127.1.2.3", "127.0.0.1"), ("10.0.0.2", "0.0.0.0")],
+)
+def test_only_a_bridge_on_this_machine_is_heard_on_the_loopback_interface(
+    monkeypatch, bridge, heard
+):
+    hosts = []
+    monkeypatch.setattr(udp_robot, "UdpChannel", hosts.append)
+    assert robot_at((bridge, 5151), lockstep=True).lockstep
+    assert hosts == [heard]
 
 
 def test_a_flood_does_not_delay_a_tick():

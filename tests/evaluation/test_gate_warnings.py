@@ -9,10 +9,18 @@ import pytest
 from scipy.stats import poisson
 
 import surefoot.evaluation.gate_warnings as module
-from surefoot.config import Config, DisturbanceConfig, EvaluationConfig, PolicyConfig
+from surefoot.config import (
+    Config,
+    DisturbanceConfig,
+    EvaluationConfig,
+    LocoSafeDaggerConfig,
+    PolicyConfig,
+    SafeDaggerConfig,
+)
 from surefoot.config.json_io import from_json, to_json
 from surefoot.evaluation.gate_warnings import (
     FallWarnings,
+    WatchedRobots,
     chance_share,
     lead_ticks,
     measure_warnings,
@@ -36,7 +44,12 @@ from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
 from tests.fakes.gates import Careless
 from tests.fakes.learning import OBSERVATION_SPEC, spec_of
+from tests.fakes.robots import STANDING
 from tests.fakes.rollouts import blank
+from tests.fakes.states import state_of
+
+BLOCK = 2000
+"""[ms] The paper's T_block."""
 
 
 def alarms(T, *rows):
@@ -53,7 +66,7 @@ def warnings(T, *robots):
     fall = [tick for _, tick in robots]
     fell = np.array([tick is not None for tick in fall])
     length = np.array([T if tick is None else tick for tick in fall])
-    return warnings_of(alarms(T, *(ticks for ticks, _ in robots)), length, fell)
+    return warnings_of(alarms(T, *(ticks for ticks, _ in robots)), length, fell, BLOCK)
 
 
 # --- by hand
@@ -102,13 +115,28 @@ def test_falls_are_announced_two_tenths_of_a_second_ahead():
         ([], []),
         ([0], [0]),
         ([slice(10, 2010)], [10]),
-        ([slice(10, 2011)], [10, 2010]),
-        ([5, 2004, 2005, 4004, 4006], [5, 2005, 4006]),
-        ([slice(0, 9000)], [0, 2000, 4000, 6000, 8000]),
+        ([slice(10, 2011)], [10]),  # unsafe when the block ends: the expert goes on
+        ([slice(10, 2011), 2012], [10, 2012]),
+        ([5, 2004, 2005, 4004, 4006], [5, 4004]),
+        ([slice(0, 9000)], [0]),
     ],
 )
 def test_takeovers_block_the_next_two_seconds(ticks, expected):
-    assert takeovers(alarms(9000, ticks)[0]).tolist() == expected
+    assert takeovers(alarms(9000, ticks)[0], BLOCK).tolist() == expected
+
+
+@pytest.mark.parametrize("block", [0, 1, 40, 2000])
+def test_takeovers_are_those_of_the_monitor(block):
+    rng = np.random.default_rng(block)
+    alarm = np.repeat(rng.random(300) < 0.3, rng.integers(1, 60, 300))
+    monitor = SafetyMonitor(Scripted(*np.flatnonzero(alarm).tolist()), block / 1000)
+    monitor.reset(1)
+    ticks = np.arange(len(alarm))
+    state = state_of(STANDING)
+    drives = np.array([monitor.blocking(state, ticks[[i]], np.zeros((1, 3)))[0] for i in ticks])
+    begun = np.flatnonzero(drives & ~np.append(False, drives[:-1]))
+    assert len(begun) > 3
+    np.testing.assert_array_equal(takeovers(alarm, block), begun)
 
 
 def test_takeovers_are_false_without_a_fall_within_a_second_and_a_half():
@@ -153,6 +181,23 @@ def test_robots_with_equal_rates_are_not_certain():
 def test_lead_times_without_spread_have_no_interval():
     assert warnings(5000, ([2700], 3000)).lead_interval is None
     assert warnings(5000, ([2700], 3000), ([3700], 4000)).lead_interval is None
+
+
+@pytest.mark.parametrize(
+    ("method", "expected"),
+    [
+        (LocoSafeDaggerConfig(), 1),
+        (LocoSafeDaggerConfig(T_block=1.0), 2),
+        (SafeDaggerConfig(), 1),  # it has no T_block, so the paper's counts
+    ],
+)
+def test_takeovers_are_counted_with_the_block_of_the_run(method, expected, monkeypatch):
+    alarm = {"gate": alarms(5000, [100, 1500])}
+    robots = WatchedRobots(alarm, np.array([5000]), np.array([False]))
+    monkeypatch.setattr(module, "map_chunks", lambda *_: [robots])
+    config = replace(CONFIG, method=method, evaluation=replace(CONFIG.evaluation, episodes=1))
+    measured = measure_warnings(config, LIMP, {"gate": Scripted()}, "select", Workers(1))
+    assert measured.gates["gate"].takeovers == expected
 
 
 def test_an_alarm_within_the_block_is_no_takeover():
@@ -201,8 +246,8 @@ def test_more_alarms_never_announce_less():
     more_alarms = few_alarms | (
         (rng.random((40, 3000)) < 5e-4) & (np.arange(3000) < length[:, None])
     )
-    few = warnings_of(few_alarms, length, fell)
-    many = warnings_of(more_alarms, length, fell)
+    few = warnings_of(few_alarms, length, fell, BLOCK)
+    many = warnings_of(more_alarms, length, fell, BLOCK)
     assert 0 < few.announced < many.announced
     assert few.chance_share is not None and many.chance_share is not None
     assert few.chance_share < many.chance_share
@@ -282,7 +327,10 @@ def test_gates_are_not_asked_once_all_robots_have_fallen(monkeypatch):
 
 
 LIMP = Policy(
-    PolicyNetwork(PolicyConfig(hidden=(16, 16)), 0), spec_of(PolicyConfig()), np.zeros((2, 3))
+    PolicyNetwork(PolicyConfig(hidden=(16, 16)), 0),
+    spec_of(PolicyConfig()),
+    np.zeros((2, 3)),
+    "solo12",
 )
 CONFIG = replace(
     with_own_values(Config()),

@@ -39,7 +39,7 @@ def few(monkeypatch):
 def policy(tmp_path):
     path = tmp_path / "policy.safetensors"
     spec = spec_of(CONFIG.policy)
-    save(Policy(PolicyNetwork(CONFIG.policy, 1), spec, np.zeros((2, 3))), path)
+    save(Policy(PolicyNetwork(CONFIG.policy, 1), spec, np.zeros((2, 3)), "solo12"), path)
     return path
 
 

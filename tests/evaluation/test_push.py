@@ -44,8 +44,10 @@ def pretend(monkeypatch, limit, unpushed=Outcome.SUCCESS, lost=()):
         parts = []
         for chunk in chunks:
             up = ~np.isin(chunk.starts.id, lost)
-            going_on = replace(chunk.episodes, duration=chunk.config.push.after)[up]
-            parts.append((going_on, up))
+            drawn = disturbance_of(chunk)
+            after = chunk.config.push.after
+            going_on = replace(chunk.episodes, duration=after, disturbance=drawn)
+            parts.append((going_on[up], up))
         return parts
 
     def run_episodes(job, workers, title):
@@ -231,25 +233,17 @@ def test_pushes_of_an_earlier_version_have_honest_differences(monkeypatch):
     assert (low, high) == pytest.approx((-RESOLUTION, RESOLUTION))
 
 
-@pytest.mark.parametrize(
-    ("name", "other"),
-    [
+def test_only_the_same_starts_and_pushes_are_compared(monkeypatch):
+    pretend(monkeypatch, lambda angle, robot: 2.0)
+    result = recovery()
+    for name, other in (
         ("starts_hash", "0"),
         ("split", "select"),
         ("share", 0.9),
         ("direction_deg", (0.0,)),
-    ],
-)
-def test_only_the_same_starts_are_compared(monkeypatch, name, other):
-    pretend(monkeypatch, lambda angle, robot: 2.0)
-    result = recovery()
-    with pytest.raises(ValueError, match=f"different {name}"):
-        push_difference(result, replace(result, **{name: other}))
-
-
-def test_only_the_same_pushes_are_compared(monkeypatch):
-    pretend(monkeypatch, lambda angle, robot: 2.0)
-    result = recovery()
+    ):
+        with pytest.raises(ValueError, match=f"different {name}"):
+            push_difference(result, replace(result, **{name: other}))
     assert result.measured is not None
     longer = replace(result, measured=replace(result.measured, duration=0.02))
     with pytest.raises(ValueError, match="different duration"):
@@ -333,7 +327,7 @@ def test_a_policy_remembers_at_the_push_what_came_before(before):
     anywhere = replace(CONFIG.safety, fall_angle=1e4, fall_height=(-10.0, 10.0))
     config = replace(CONFIG, safety=anywhere)  # the policy is a random one
     blind = replace(SMALL, layout="proprioceptive")
-    policy = Policy(trained_network(blind), spec_of(blind), np.zeros((2, 3)))
+    policy = Policy(trained_network(blind), spec_of(blind), np.zeros((2, 3)), "solo12")
     begin = replace(job_of(2, before, config), arbiter=PolicyOnly(), policy=policy)
     branch = branch_at_push(begin, Workers(1), "test")
     assert branch.up.all()
@@ -465,7 +459,9 @@ def test_a_robot_that_only_stands_fails_even_unpushed():
 
 
 def test_expert_withstands_small_pushes_and_falls_from_large_ones():
-    few = replace(CONFIG.push, before=0.5, speeds=1, directions=1, resolution=3.0, levels=3)
+    few = replace(
+        CONFIG.push, before=0.2, after=0.6, speeds=1, directions=1, resolution=3.0, levels=3
+    )
     result = push_recovery(replace(CONFIG, push=few, chunk=20), None, Workers(1))
     assert result.max_impulse == (3.0,)
     assert result.survived[0][0] == "1" * 10

@@ -188,7 +188,7 @@ def test_the_mean_error_leaves_out_what_is_not_finite():
 def policy(tmp_path_factory):
     config = PolicyConfig(hidden=(16, 16))
     path = tmp_path_factory.mktemp("policies") / "random.safetensors"
-    save(Policy(PolicyNetwork(config, seed=2), spec_of(config), np.zeros((2, 3))), path)
+    save(Policy(PolicyNetwork(config, seed=2), spec_of(config), np.zeros((2, 3)), "solo12"), path)
     return path
 
 

@@ -17,7 +17,6 @@ from surefoot.evaluation.statistics import (
     paired_difference,
     percentiles,
     resamples,
-    run_bootstrap,
     run_interval,
     unpaired_difference,
     wilson,
@@ -142,9 +141,6 @@ def test_newcombes_interval_holds_the_true_difference_where_pairs_hardly_differ(
 def test_outcomes_without_spread_are_not_certain():
     assert paired_difference([2.0, 2.0, 2.0], [1.0, 1.0, 1.0]) == PairedDifference(1.0, None, 3)
     assert paired_difference([1], [0]) == PairedDifference(1.0, None, 1)
-    assert run_bootstrap([np.ones(100), np.ones(100)]).interval == wilson(200, 200)
-    assert run_bootstrap([np.zeros(50), np.zeros(50)]).interval == wilson(0, 100)
-    assert run_bootstrap([np.full(50, 0.3), np.full(50, 0.3)]).interval is None
 
 
 def test_pairs_without_an_outcome_are_an_error():
@@ -171,48 +167,14 @@ def test_intervals_of_pairs_cover_the_truth():
 
 
 def test_every_run_has_the_same_weight():
-    means = run_bootstrap([[1.0, 1.0, 1.0, 1.0], [0.0]])
+    means = run_interval([[1.0, 1.0, 1.0, 1.0], [0.0]])
     assert (means.mean, means.runs) == (0.5, (1.0, 0.0))
-    # Both runs, or one of them twice: a quarter of the draws each.
-    assert means.interval == (0.0, 1.0)
 
 
-def test_runs_and_rollouts_both_vary():
-    """The variance is that of run means, of m with replacement, and of rollouts within."""
-    rng = np.random.default_rng(6)
-    runs = [rng.normal(mean, 1.0, 10) for mean in rng.normal(0, 0.3, 8)]
-    low, high = interval_of(run_bootstrap(runs))
-    between = np.var([run.mean() for run in runs]) / 8
-    within = np.mean([run.var() / 10 for run in runs]) / 8
-    expected = 2 * 1.96 * np.sqrt(between + within)
-    assert high - low == pytest.approx(expected, rel=0.08)
-    assert high - low > 1.1 * 2 * 1.96 * np.sqrt(between)
-
-
-def test_intervals_of_runs_cover_the_truth():
-    """Of ten runs 90 % where 95 are promised: the price of few runs, as the docstring says."""
-    rng = np.random.default_rng(7)
-    hits = 0
-    for _ in range(200):
-        runs = [rng.normal(mean, 1.0, 40) for mean in rng.normal(0, 1.0, 10)]
-        low, high = interval_of(run_bootstrap(runs))
-        hits += low <= 0 <= high
-    assert 0.83 < hits / 200 < 0.97
-
-
-def test_runs_that_are_all_alike_or_single():
-    assert run_bootstrap([[1, 1], [1, 1, 1]]) == RunMeans(1.0, wilson(5, 5), (1.0, 1.0))
-    assert run_bootstrap([[0, 1]]) == RunMeans(0.5, None, (0.5,))
-    # One rollout of each run: runs are still drawn.
-    low, high = interval_of(run_bootstrap([[0], [1], [2], [3]]))
-    assert 0 < low < 1.5 < high < 3
-
-
-@pytest.mark.parametrize("estimate", [run_bootstrap, run_interval])
-def test_runs_without_outcomes_are_an_error(estimate):
+def test_runs_without_outcomes_are_an_error():
     for runs in ([], [[1.0], []], [[1.0, np.nan]], [[[1.0]]]):
         with pytest.raises(ValueError, match="at least one run"):
-            estimate(runs)
+            run_interval(runs)
 
 
 def test_few_runs_have_a_t_interval():
@@ -243,10 +205,6 @@ def test_runs_that_agree_are_as_uncertain_as_their_rollouts():
     # At any other share, too: 49 of 50 in each run.
     nearly = [np.repeat([1, 0], [49, 1])] * 4
     assert interval_of(run_interval(nearly)) == pytest.approx(wilson(196, 200))
-    # With rollouts of a run that are all alike, the number of runs counts: that is the floor.
-    assert interval_of(run_interval(every, correlation=1.0)) == pytest.approx(wilson(5, 5))
-    low, high = interval_of(run_interval(every, correlation=0.1))
-    assert wilson(5, 5)[0] < low < wilson(500, 500)[0] and high == pytest.approx(1.0)
     # Of runs of different length, the short ones limit it: 1 / (1/4 (1/10 + 1/1000)) trials.
     low, _ = interval_of(run_interval([np.ones(10), np.ones(1000)]))
     assert low == pytest.approx(1 / (1 + 1.959964**2 / (4 / (1 / 10 + 1 / 1000))))
@@ -262,20 +220,14 @@ def test_runs_that_differ_more_than_their_rollouts_keep_the_t_interval():
     assert apart.interval == (0.0, 1.0)  # shares stay between 0 and 1
 
 
-def test_a_correlation_out_of_range_is_an_error():
-    for correlation in (-0.1, 1.1, np.nan):
-        with pytest.raises(ValueError, match="use one from 0 to 1"):
-            run_interval([[1.0], [0.0]], correlation)
-
-
 def test_the_same_data_give_the_same_records_also_through_json():
     rng = np.random.default_rng(8)
     a = rng.random(30) < 0.8
     b = rng.random(30) < 0.7
     paired = paired_difference(a, b)
-    means = run_bootstrap([a, b])
+    means = run_interval([a, b])
     assert paired == paired_difference(a, b)
-    assert means == run_bootstrap([a, b])
+    assert means == run_interval([a, b])
     text = json.dumps([to_json(paired), to_json(means)])
     assert from_json(PairedDifference, json.loads(text)[0]) == paired
     assert from_json(RunMeans, json.loads(text)[1]) == means
@@ -291,10 +243,8 @@ def test_t_interval_of_a_mean_is_that_of_scipy():
     assert mean_interval([0.3, 0.3, 0.3]) is None
 
 
-def test_effective_rollouts_are_all_of_them_or_one_for_each_run():
+def test_effective_rollouts_are_all_of_them_if_runs_are_equally_long():
     assert effective_rollouts([40, 40, 40]) == pytest.approx(120)
-    assert effective_rollouts([40, 40, 40], correlation=1.0) == pytest.approx(3)
-    assert 3 < effective_rollouts([40, 40, 40], correlation=0.2) < 120
     # Runs have the same weight, so that a short one costs more than its rollouts.
     assert effective_rollouts([10, 70]) < 80
 

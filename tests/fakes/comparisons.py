@@ -50,7 +50,7 @@ def ten_rollouts(iteration, **changes) -> Collected:
 
 def save_policy(path: Path, seed: int) -> None:
     """Write an untrained policy."""
-    save(Policy(PolicyNetwork(SMALL, seed), spec_of(SMALL), np.zeros((2, 3))), path)
+    save(Policy(PolicyNetwork(SMALL, seed), spec_of(SMALL), np.zeros((2, 3)), "solo12"), path)
 
 
 def run_of(folder: Path, method, weights_seed: int, best: int | None = 0, **config) -> Path:

@@ -1,6 +1,8 @@
 """Inputs for tests of learning: states, frames, and a network that looks like a trained one."""
 
+from copy import deepcopy
 from dataclasses import fields, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,7 @@ from surefoot.types import State
 
 SMALL = PolicyConfig(hidden=(64, 64))
 FLOAT32 = TrainingConfig(precision="float32")
+"""A precision by its name: nothing is measured, and the bits are the same everywhere."""
 TINY = LocoSafeDaggerConfig(
     pretraining=ExpertData(2, 1, False, 0.3),
     pretraining_epochs=1,
@@ -36,7 +39,6 @@ TINY = LocoSafeDaggerConfig(
     epochs=1,
 )
 """The whole method in seconds, too short to learn anything."""
-"""A precision by its name: nothing is measured, and the bits are the same everywhere."""
 TROT = GaitTiming("trot", 500)
 OBSERVATION_SPEC = ObservationSpec("circle", (TROT,))
 
@@ -131,6 +133,12 @@ def toy_frames(episodes, each=100):
 
 def trained_network(config=SMALL, seed=0) -> Any:
     """A network with normalizers, BatchNorm statistics and biases that are not the initial ones."""
+    return deepcopy(_trained_once(config, seed))
+
+
+@cache
+def _trained_once(config: PolicyConfig, seed: int) -> PolicyNetwork:
+    """The same network, which nobody may change."""
     torch.manual_seed(seed)
     size = spec_of(config).observation.input_size
     network = PolicyNetwork(config, seed, size)

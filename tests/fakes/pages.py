@@ -8,7 +8,9 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-from surefoot.study.report.numbers import interval_over_runs
+import numpy as np
+from scipy.stats import norm, sem
+from scipy.stats import t as student_t
 
 SHARES = ("expert_share", "expert_share_with_tail")
 VOID = ("meta", "br", "img", "link")
@@ -130,9 +132,8 @@ class Files:
             together = min(trials) if len(trials) == len(parts) else None
             return math.fsum(values) / len(values), together
         assert name in ("low", "high"), source
-        interval = interval_over_runs(values, [trials for _, trials in parts])
-        assert interval is not None
-        return interval[name == "high"], None
+        low, high = interval_of_mean(values, [trials for _, trials in parts])
+        return (low if name == "low" else high), None
 
     def read(self, source: str) -> list[float]:
         """The numbers at a place: one, or several where the place has a star or a stage."""
@@ -159,6 +160,29 @@ class Files:
             read = [json.loads(line) for line in text.splitlines()] if lines else json.loads(text)
             self.cache[path] = read
         return self.cache[path]
+
+
+def interval_of_mean(values: list[float], trials: list[int | None]) -> tuple[float, float]:
+    """The 95 % interval of a mean over runs, from its definition.
+
+    It is the t interval; for shares of trials with an outcome, no end lies inside the score
+    interval of all trials together, and no share is below 0 or above 1.
+    """
+    mean = float(np.mean(values))
+    ends: list[float] = []
+    if np.ptp(values) > 0.0:
+        ends += student_t.interval(0.95, len(values) - 1, loc=mean, scale=sem(values))
+    shares = [count for count in trials if count is not None]
+    are_shares = len(shares) == len(values)
+    if are_shares and min(shares) > 0:
+        independent = len(values) ** 2 / sum(1 / count for count in shares)
+        # The score interval ends at the shares p with (mean - p)^2 = z^2 p (1 - p) / n.
+        a = float(norm.ppf(0.975)) ** 2 / independent
+        ends += np.roots([1 + a, -(2 * mean + a), mean**2]).tolist()
+    assert ends, "nothing shows the spread"
+    low = min(ends)
+    high = max(ends)
+    return (max(low, 0.0), min(high, 1.0)) if are_shares else (low, high)
 
 
 def split(text: str) -> list[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
-from surefoot.sim.protocol import CONTACT_FORCE, check_positive
+from surefoot.sim.protocol import CONTACT_FORCE, checked_variation
 from surefoot.types import GRAVITY, Array, BoolArray, IntArray, State
 from tests.fakes.robots import ROBOT
 
@@ -141,17 +141,9 @@ class FakeSimulator:
     def vary(self, friction: Array | None, mass: Array | None) -> None:
         if friction is None and mass is None and self._variation is None:
             return
-        if friction is None:
-            friction = np.full(self.batch, NOMINAL_FRICTION)
-        if mass is None:
-            mass = np.ones(self.batch)
-        variation = (
-            check_positive("friction", friction, self.batch),
-            check_positive("mass", mass, self.batch),
-        )
+        self._variation = checked_variation(friction, mass, self.batch, NOMINAL_FRICTION)
         self.order.append("vary")
-        self.varied.append((friction.tolist(), mass.tolist()))
-        self._variation = variation
+        self.varied.append(tuple(values.tolist() for values in self._variation))
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         self.applied.append(torque.copy())
@@ -163,7 +155,7 @@ class FakeSimulator:
         self._bad_numbers |= rows & ~self._finite()
 
     def _finite(self) -> BoolArray:
-        return np.all(np.isfinite(np.hstack([self.q, self.v])), axis=1)
+        return np.all(np.isfinite(self.q), axis=1) & np.all(np.isfinite(self.v), axis=1)
 
     def push(self, impulse: Array, mask: BoolArray | None = None) -> None:
         mask_copy = None if mask is None else mask.copy()
@@ -193,9 +185,10 @@ class FakeSimulator:
 
     @property
     def blown_up(self) -> BoolArray:
-        late = [self.ticks[robot] >= self.lost.get(robot, NEVER) for robot in range(self.batch)]
         flags = self._bad_numbers.copy()
-        flags |= late
+        for robot, tick in self.lost.items():
+            if robot < self.batch:
+                flags[robot] |= self.ticks[robot] >= tick
         return flags
 
     @property

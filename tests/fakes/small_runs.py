@@ -70,7 +70,7 @@ SMALL: dict[str, Any] = {
 }
 TAUGHT = SMALL | {
     "pretraining": ExpertData(3, 1, False, 0.3),
-    "pretraining_epochs": 10,
+    "pretraining_epochs": 5,
     "velocities": 4,
 }
 """Taught enough that a history network has safe and unsafe states to learn from."""

@@ -9,9 +9,8 @@ from surefoot.config.studies import named_study
 from surefoot.config.study import StudyConfig
 from surefoot.evaluation.digits import as_digits
 from surefoot.files import write_atomic, write_json
-from surefoot.runs.layout import KEPT_POLICY_FILE
+from surefoot.runs.layout import CONFIG_FILE, KEPT_POLICY_FILE
 from surefoot.runs.metrics import Best, StageRecord, format_line
-from surefoot.runs.run import CONFIG_FILE
 from surefoot.runs.setup import Setup
 from surefoot.study.cells import Cell, cells_of
 from surefoot.study.folder import (

@@ -37,14 +37,13 @@ from surefoot.types import State
 from surefoot.workers import Workers
 from tests.fakes import toy
 from tests.fakes.learning import OBSERVATION_SPEC
-from tests.fakes.toy import plan
+from tests.fakes.toy import POWERS, plan
 
 LIMIT = 2.7
 GRID = 50
 ALARM = 0.03
 KP = 3.0  # the expert's
 KD = 0.05
-POWERS = np.array([np.linalg.matrix_power(toy.A - toy.B @ toy.K, n) for n in range(100)])
 FREE = (-1e4, 1e4)
 SAFETY = replace(TABLE_I, hip_abduction=FREE, hip_flexion=FREE, knee=FREE)  # roll and height decide
 HEIGHT_ONLY = replace(SAFETY, roll_pitch=1e4, fall_angle=1e4)

@@ -28,7 +28,9 @@ NEVER = 10**6
 def with_random_policy(folder, config: Config, iteration: int = 0) -> Run:
     """A run that has a policy of random weights, and no data: its next iteration can be played."""
     run = create(folder / "run", config)
-    policy = Policy(PolicyNetwork(config.policy, 1), spec_of(config.policy), np.zeros((2, 3)))
+    policy = Policy(
+        PolicyNetwork(config.policy, 1), spec_of(config.policy), np.zeros((2, 3)), "solo12"
+    )
     save(policy, run.policy_path(iteration))
     return run
 

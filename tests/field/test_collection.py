@@ -16,6 +16,7 @@ from surefoot.deploy.handover import PLANNER_ENDED, NoPlan, PlanRequest
 from surefoot.deploy.operator import Wish
 from surefoot.deploy.recorder import load_flight
 from surefoot.field import collection as collection_module
+from surefoot.field import session as session_module
 from surefoot.field.attempts import cost_of, read_attempts
 from surefoot.field.collection import RobotCollection, on_robot
 from surefoot.field.episode import rollout_of
@@ -26,11 +27,13 @@ from surefoot.methods.loco_safe_dagger import collection
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.runs import collecting
+from surefoot.runs.layout import RunError
 from surefoot.runs.policies import PACKAGED_POLICY
-from surefoot.runs.run import Run, RunError, create
+from surefoot.runs.run import Run, create
 from surefoot.types import Command
 from surefoot.viz.replay import recorded_episode
 from surefoot.workers import Workers
+from tests.fakes.learning import FLOAT32
 from tests.fakes.lockstep_twin import LockstepTwin, SamePlanner
 
 ONE = Workers(1)
@@ -40,13 +43,16 @@ CONFIG = replace(
     method=LocoSafeDaggerConfig(
         iterations=2, velocities=2, perturbations=1, T=0.6, T_block=0.1, T_end=0.1
     ),
+    training=FLOAT32,
     seed=3,
 )
+SHORT = replace(CONFIG, method=replace(CONFIG.method, T=0.3))
+"""Episodes of 0.4 s with their tail, after which the robot stands for 0.1 s."""
 
 
-def strict(angle: float) -> Config:
+def strict(angle: float, config: Config = CONFIG) -> Config:
     """A run whose expert takes over beyond a roll or pitch [deg]."""
-    return replace(CONFIG, safety=replace(CONFIG.safety, roll_pitch=angle))
+    return replace(config, safety=replace(config.safety, roll_pitch=angle))
 
 
 def crew_of(run: Run, twin: LockstepTwin, person=None, **runtime) -> Crew:
@@ -54,7 +60,7 @@ def crew_of(run: Run, twin: LockstepTwin, person=None, **runtime) -> Crew:
     return Crew(
         twin.model,
         config,
-        RuntimeConfig(stand=0.3, **runtime),
+        RuntimeConfig(stand=0.1, **runtime),
         SamePlanner(run.config),
         person or Unattended(),
         twin.connection,
@@ -68,11 +74,12 @@ def job_of(run: Run) -> Job:
 
 @pytest.fixture
 def run(tmp_path) -> Run:
-    return create(tmp_path / "run", strict(2.0))
+    return create(tmp_path / "run", strict(2.0, SHORT))
 
 
-def test_in_lockstep_an_episode_is_that_of_the_simulation(run):
+def test_in_lockstep_an_episode_is_that_of_the_simulation(tmp_path):
     """From the state in which the policy takes over, all that a robot can measure."""
+    run = create(tmp_path / "run", strict(2.0))
     twin = LockstepTwin(STANDING)
     crew = crew_of(run, twin)
     policy = deployed_policy(PACKAGED_POLICY, twin.model, crew.config)
@@ -132,7 +139,7 @@ def test_a_base_that_is_lost_for_a_tick_says_nothing_of_the_policy(run):
         nonlocal measurements
         measurements += 1
         measured = read()
-        return measured._replace(base=None) if measurements == 600 else measured
+        return measured._replace(base=None) if measurements == 300 else measured
 
     twin.twin.driver.read = read_without_one_base
     crew = crew_of(run, twin)
@@ -154,16 +161,16 @@ def test_the_expert_s_frames_enter_the_run_and_each_episode_is_a_shard(run):
     assert run.dataset.shards == ("iteration_001-000", "iteration_001-001")
     frames = run.dataset.load()
     assert frames.expert_drove.all()
-    assert record.frames_kept == len(frames) > 200
+    assert record.frames_kept == len(frames) > 100
     assert record.episodes == 2 and record.falls == 0
     assert set(frames.command[:, 0]) == {0.0, 0.3}
     attempts = read_attempts(run.folder)
     assert [attempt.end for attempt in attempts] == ["whole", "whole"]
-    assert [attempt.seconds for attempt in attempts] == [0.7, 0.7]
+    assert [attempt.seconds for attempt in attempts] == [0.4, 0.4]
     assert sum(attempt.expert_seconds for attempt in attempts) == pytest.approx(len(frames) / 1000)
     # It was greeted once, and stood between the episodes.
     assert twin.sessions == 1
-    assert attempts[1].other_seconds == pytest.approx(0.3, abs=0.01)
+    assert attempts[1].other_seconds == pytest.approx(0.1, abs=0.01)
     with pytest.raises(ValueError, match="episode 100001 was recorded on a robot"):
         recorded_episode(run.folder, 100001)
     # The same again does nothing, whatever the robot does.
@@ -210,7 +217,7 @@ def test_a_twin_that_is_killed_loses_the_episode_that_is_tried_again(run, monkey
             twin.restart()
         return twin.connection()
 
-    crew = replace(crew_of(run, twin, Killing(twin, 1600)), connection=connection)
+    crew = replace(crew_of(run, twin, Killing(twin, 800)), connection=connection)
     robot = RobotCollection(crew)
     record = robot(run, 1, job_of(run), ONE)
     assert record.episodes == 2
@@ -218,7 +225,7 @@ def test_a_twin_that_is_killed_loses_the_episode_that_is_tried_again(run, monkey
     assert [attempt.end for attempt in attempts] == ["whole", "dropped", "whole"]
     assert attempts[1].fault == "stale state"
     assert attempts[1].episode == attempts[2].episode == 100001
-    assert 0.0 < attempts[1].seconds < 0.7
+    assert 0.0 < attempts[1].seconds < 0.4
     assert cost_of(read_attempts(run.folder)).latches == 1
 
 
@@ -230,7 +237,7 @@ class Interrupting(Unattended):
 
     def wish(self) -> Wish:
         self.ticks += 1
-        if self.ticks == 1600:
+        if self.ticks == 800:
             raise KeyboardInterrupt
         return super().wish()
 
@@ -287,7 +294,7 @@ class Watching(Unattended):
 
     def wish(self) -> Wish:
         self.ticks += 1
-        if self.ticks == 1600:
+        if self.ticks == 800:
             self.walks.set()
         return super().wish()
 
@@ -310,7 +317,7 @@ def test_what_a_robot_went_through_until_ctrl_c_is_written_down(run, monkeypatch
         (100000, "whole"),
         (100001, "dropped"),
     ]
-    assert attempts[1].seconds > 0.2
+    assert attempts[1].seconds > 0.1
     assert run.dataset.shards == ("iteration_001-000",)
 
 
@@ -339,14 +346,14 @@ def report_of_second_episode(run: Run, twin: LockstepTwin, person: Resting):
 
 def test_what_was_driven_before_a_rest_counts_and_the_episode_is_the_one_after_it(run):
     twin = LockstepTwin(STANDING)
-    report = report_of_second_episode(run, twin, Resting(twin, 800, 900))
+    report = report_of_second_episode(run, twin, Resting(twin, 450, 550))
     assert report.attempt.end == "whole"
-    # About half a second until the rest, and the whole episode after it.
-    assert 1.1 < report.attempt.seconds < 1.25
+    # About 0.35 s until the rest, in the tail, and the whole episode after it.
+    assert 0.7 < report.attempt.seconds < 0.8
     assert report.episode is not None
-    assert len(report.episode.flight.tick) == 700
+    assert len(report.episode.flight.tick) == 400
     # Lying and standing up, and the rest with standing up after it.
-    assert 0.6 < report.attempt.other_seconds < 0.8
+    assert 0.2 < report.attempt.other_seconds < 0.4
     assert report.attempt.expert_seconds > report.episode.flight.expert_drove.sum() / 1000
 
 
@@ -364,10 +371,10 @@ class Knocking(Resting):
 
 def test_a_robot_knocked_over_while_it_stands_as_wished_says_nothing_of_its_policy(run):
     twin = LockstepTwin(STANDING)
-    report = report_of_second_episode(run, twin, Knocking(twin, 800, 2000))
+    report = report_of_second_episode(run, twin, Knocking(twin, 300, 2000))
     assert report.attempt.fault == "tilt"
     assert report.attempt.end == "dropped"
-    assert report.attempt.seconds > 0.4
+    assert report.attempt.seconds > 0.15
     assert report.episode is None
 
 
@@ -380,7 +387,7 @@ class Stopping(Unattended):
 
     def wish(self) -> Wish:
         self.ticks += 1
-        return Wish(not 600 <= self.ticks < 1200, Command())
+        return Wish(not 300 <= self.ticks < 600, Command())
 
     def halt(self) -> None:
         self.halted.append(self.ticks)
@@ -394,8 +401,8 @@ def test_an_operator_stops_and_starts_again(run):
     attempts = read_attempts(run.folder)
     assert [attempt.end for attempt in attempts] == ["dropped", "whole", "whole"]
     assert attempts[0].fault == ""
-    assert attempts[1].other_seconds > 0.8  # it waited
-    assert person.halted == [0, 600]  # where a session begins
+    assert attempts[1].other_seconds > 0.35  # it waited
+    assert person.halted == [0, 300]  # where a session begins
 
 
 class Gone(Unattended):
@@ -406,7 +413,7 @@ class Gone(Unattended):
 
     def wish(self) -> Wish:
         self.ticks += 1
-        lost = "the operator's input has ended" if self.ticks > 600 else ""
+        lost = "the operator's input has ended" if self.ticks > 300 else ""
         return Wish(not lost, Command(), lost)
 
 
@@ -430,7 +437,8 @@ def test_a_planner_that_has_died_ends_it_and_the_episode_is_not_kept(run, monkey
     assert run.dataset.shards == ()
 
 
-def test_without_a_measured_base_there_is_no_expert_to_learn_from(run):
+def test_without_a_measured_base_there_is_no_expert_to_learn_from(run, monkeypatch):
+    monkeypatch.setattr(session_module, "BASE_PATIENCE", 0.05)
     twin = LockstepTwin(replace(STANDING, base=False))
     robot = RobotCollection(crew_of(run, twin))
     with pytest.raises(ValueError, match="add motion capture or an estimator"):

@@ -33,7 +33,7 @@ def add(log: EpisodeLog, tick: int, mode: int = Mode.DRIVE, expert: bool = False
     level = np.array([0.0, 0.0, 0.0, 1.0])
     sensors = Sensors(tick, tick, joints, twelve, twelve, level, three, three, base)
     command = JointCommand(joints, np.full(12, 2.0), np.full(12, 0.1), torque=np.full(12, 9.0))
-    log(TickRecord(tick, 0, mode, expert, Command(0.2), tick, 0.0, 0.0), sensors, command)
+    log(TickRecord(tick, 0, mode, expert, Command(0.2), tick, 0.0, 0.0, 0), sensors, command)
 
 
 def job(seconds: float) -> Job:
@@ -120,6 +120,6 @@ def test_ticks_after_the_last_one_are_left_out():
 
 def test_a_tick_without_a_command_is_none():
     log = EpisodeLog("solo12", 10, 0)
-    record = TickRecord(0, 0, Mode.DRIVE, False, Command(), 0, 0.0, 0.0)
+    record = TickRecord(0, 0, Mode.DRIVE, False, Command(), 0, 0.0, 0.0, 0)
     log(record, SimpleNamespace(), None)  # pyright: ignore[reportArgumentType]
     assert log.ticks == 0

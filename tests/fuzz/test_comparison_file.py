@@ -1,11 +1,13 @@
 """Damaged results of comparisons, surveys and evaluations: an error that names the file."""
 
 import json
+from functools import partial
 from pathlib import Path
 
-from surefoot.config.json_io import to_json
+from surefoot.config.json_io import read_record, to_json
 from surefoot.evaluation.report import EvaluationReport, read_report
-from surefoot.study.records import read_comparison, read_survey
+from surefoot.study.expert_cells import Survey
+from surefoot.study.records import Comparison
 from tests.fakes.results import robustness
 from tests.fuzz.mutations import byte_mutations, check_loader, fuzz, json_texts
 
@@ -21,7 +23,9 @@ def test_a_comparison_of_another_shape(tmp_path):
     values = short(json.loads((DOCS / "methods.json").read_text()))
 
     def check(damaged):
-        check_loader(read_comparison, tmp_path / "methods.json", damaged, ValueError)
+        check_loader(
+            partial(read_record, kind=Comparison), tmp_path / "methods.json", damaged, ValueError
+        )
 
     check(json.dumps(values).encode())
     fuzz(json_texts(values), check, 20)
@@ -31,7 +35,9 @@ def test_damaged_bytes_of_a_comparison(tmp_path):
     content = json.dumps(short(json.loads((DOCS / "methods.json").read_text()))).encode()
 
     def check(damaged):
-        check_loader(read_comparison, tmp_path / "methods.json", damaged, ValueError)
+        check_loader(
+            partial(read_record, kind=Comparison), tmp_path / "methods.json", damaged, ValueError
+        )
 
     fuzz(byte_mutations(content), check, 20)
 
@@ -40,7 +46,9 @@ def test_a_survey_of_another_shape(tmp_path):
     values = short(json.loads((DOCS / "expert.json").read_text()))
 
     def check(damaged):
-        check_loader(read_survey, tmp_path / "survey.json", damaged, ValueError)
+        check_loader(
+            partial(read_record, kind=Survey), tmp_path / "survey.json", damaged, ValueError
+        )
 
     check(json.dumps(values).encode())
     fuzz(json_texts(values), check, 25)

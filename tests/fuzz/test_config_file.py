@@ -7,7 +7,7 @@ import pytest
 from surefoot.config import METHODS
 from surefoot.config.json_io import to_json
 from surefoot.config.presets import preset
-from surefoot.runs.run import RunError
+from surefoot.runs.layout import RunError
 from surefoot.runs.setup import Setup, read_setup
 from tests.fuzz.mutations import byte_mutations, check_loader, fuzz, json_texts
 

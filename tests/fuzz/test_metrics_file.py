@@ -6,9 +6,10 @@ from pathlib import Path
 from hypothesis import strategies as st
 
 from surefoot.config import Config
-from surefoot.runs.accounting import run_cost
+from surefoot.runs.layout import RunError
 from surefoot.runs.metrics import format_line
-from surefoot.runs.run import Run, RunError
+from surefoot.runs.run import Run
+from surefoot.runs.run_cost import run_cost
 from tests.fakes.runs import EVERY_RECORD
 from tests.fuzz.mutations import byte_mutations, check_loader, fuzz, json_texts
 

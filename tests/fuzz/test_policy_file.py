@@ -31,6 +31,7 @@ def path(request, tmp_path) -> Path:
         trained_network(config),
         spec_of(config),
         commands,
+        "solo12",
         provenance=provenance,
         limits=LIMITS,
         bounds=BOUNDS,

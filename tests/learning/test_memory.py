@@ -67,7 +67,7 @@ def test_rows_of_recorded_frames_are_the_inputs_of_the_policy_to_the_bit():
     frames = random_frames([4, 9], each=150)
     kept = np.random.default_rng(0).random(300) < 0.5
     rows = derive(replace(frames, kept=kept), SPEC)
-    policy = Policy(trained_network(BLIND), SPEC, np.zeros((2, 3)))
+    policy = Policy(trained_network(BLIND), SPEC, np.zeros((2, 3)), "solo12")
     online = np.concatenate([replayed(policy, frames[:150]), replayed(policy, frames[150:])])
     np.testing.assert_array_equal(rows[:, :253], online[kept])
     expected = target_of(frames.torque, frames.q, frames.v, SPEC)[kept]
@@ -75,7 +75,7 @@ def test_rows_of_recorded_frames_are_the_inputs_of_the_policy_to_the_bit():
 
 
 def test_a_policy_asked_about_robots_it_was_not_made_ready_for_is_an_error():
-    policy = Policy(trained_network(BLIND), SPEC, np.zeros((2, 3)))
+    policy = Policy(trained_network(BLIND), SPEC, np.zeros((2, 3)), "solo12")
     with pytest.raises(ValueError, match=r"asked about 3 robots.*call reset\(3\)"):
         policy.target(random_state(3), np.zeros(3, int), np.zeros((3, 3)))
 

@@ -25,7 +25,6 @@ from surefoot.learning.policy import (
     Policy,
     PolicyFileError,
     PolicySpec,
-    check_command,
     load,
     pd,
     policy_spec,
@@ -48,8 +47,8 @@ LIMITS = JointLimits((2.7,) * 12, (None,) * 12, ((-1.0, None),) * 12)
 BOUNDS = SafetyBounds((0.15, 1.0), (-0.4, 0.4), (-0.4, 0.4), ((-1.0, 1.0),) * 12)
 
 
-def make_policy(config=SMALL, **kwargs):
-    return Policy(trained_network(config), spec_of(config), COMMANDS, **kwargs)
+def make_policy(config=SMALL, robot="solo12", **kwargs):
+    return Policy(trained_network(config), spec_of(config), COMMANDS, robot, **kwargs)
 
 
 def arguments(n, seed=0):
@@ -138,7 +137,7 @@ def random_network(inputs, large: bool) -> PolicyNetwork:
 def test_a_policy_does_the_same_in_every_heading(walked, large):
     state, tick, command = walked
     network = random_network(network_input(state, tick, command, OBSERVATION_SPEC), large)
-    policy = Policy(network, spec_of(PolicyConfig()), COMMANDS)
+    policy = Policy(network, spec_of(PolicyConfig()), COMMANDS, "solo12")
     target = policy.target(state, tick, command)
     assert np.abs(target).max() > 5.0  # a network whose answers depend on what it sees
     for angle in (np.pi / 2, np.pi, -np.pi / 2, *np.random.default_rng(0).uniform(-4, 4, 8)):
@@ -146,6 +145,11 @@ def test_a_policy_does_the_same_in_every_heading(walked, large):
         np.testing.assert_allclose(other, target, rtol=0, atol=1e-5)
         half_turned = replace(turned(state, angle), com=state.com)
         assert np.abs(policy.target(half_turned, tick, command) - target).max() > 1e-2
+
+
+def test_a_policy_belongs_to_no_robot_by_default():
+    with pytest.raises(TypeError, match="robot"):
+        Policy(trained_network(SMALL), SPEC, COMMANDS)  # type: ignore[call-arg]
 
 
 def test_a_policy_that_drives_no_robot_gives_arrays_of_the_same_shape():
@@ -189,7 +193,7 @@ def test_the_number_of_threads_changes_no_target_and_is_kept():
 def test_a_policy_keeps_a_copy_of_its_network():
     """Training the network further does not change a policy made from it."""
     network = trained_network(SMALL)
-    policy = Policy(network, SPEC, COMMANDS)
+    policy = Policy(network, SPEC, COMMANDS, "solo12")
     before = policy.target(*arguments(5))
     with torch.no_grad():
         network.linear[0].weight.zero_()
@@ -227,20 +231,10 @@ def test_a_gain_that_training_cannot_divide_by_is_refused(kp):
         PolicyConfig(kp=kp)
 
 
-def test_commands_outside_the_trained_range_warn():
-    policy = make_policy()
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert check_command(policy, [0.3, 0.0, 0.0])
-        assert check_command(policy, np.array([[0.0, 0.1, 0.0], [0.3, -0.1, 0.0]]))
-    with pytest.warns(UserWarning, match=r"outside what the policy was trained on.*0\.3"):
-        assert not check_command(policy, [0.5, 0.0, 0.0])
-
-
 def test_a_policy_that_sees_the_phase_as_a_fraction(tmp_path):
     circle = make_policy()
     spec = spec_of(replace(SMALL, phase="fraction"))
-    policy = Policy(circle.network, spec, COMMANDS)
+    policy = Policy(circle.network, spec, COMMANDS, "solo12")
     save(policy, tmp_path / "policy.safetensors")
     loaded = load(tmp_path / "policy.safetensors")
     assert loaded.spec == spec
@@ -486,7 +480,7 @@ def test_other_hidden_layers_and_weights_that_are_not_finite_are_refused(tmp_pat
     network = trained_network(SMALL)
     with torch.no_grad():
         network.linear[1].weight[0, 0] = torch.nan
-    save(Policy(network, SPEC, COMMANDS), path)
+    save(Policy(network, SPEC, COMMANDS, "solo12"), path)
     with pytest.raises(PolicyFileError, match="not finite"):
         load(path)
 

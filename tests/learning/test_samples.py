@@ -69,7 +69,7 @@ def test_every_row_comes_once_an_epoch_within_the_memory(count, piece, blocks, s
     samples = numbered(count, blocks * BLOCK_BYTES, piece)
     buffers = numbers(samples, seed)
     assert max(map(len, buffers)) <= max(1, blocks) * BLOCK
-    assert samples.resident == (count <= max(1, blocks) * BLOCK)
+    assert (samples._file is None) == (count <= max(1, blocks) * BLOCK)
     seen = np.concatenate(buffers)
     np.testing.assert_array_equal(np.sort(seen), np.arange(count))
     if seed is None:
@@ -102,7 +102,7 @@ def test_a_tenth_of_the_memory_mixes_episodes_almost_as_well():
     rows = 400 * 512
     batch = 256
     samples = numbered(rows, rows // 10 * WIDTH * 4)
-    assert not samples.resident
+    assert samples._file is not None
     rng = np.random.default_rng(0)
     means = []
     spread = []
@@ -134,7 +134,7 @@ def test_moments_do_not_depend_on_the_memory():
 
 def test_the_temporary_file_has_no_name(tmp_path):
     samples = numbered(3000, 2 * BLOCK_BYTES, folder=tmp_path)
-    assert not samples.resident
+    assert samples._file is not None
     assert list(tmp_path.iterdir()) == []
 
 

@@ -55,17 +55,16 @@ def inputs_and_targets(frames):
 
 
 def test_a_fit_learns_a_linear_controller():
-    frames = toy_frames(range(100))
-    result = run(
-        frames, 25, config=TrainingConfig(batch=64, precision="float32", schedule="cosine")
-    )
+    frames = toy_frames(range(60))
+    fast = replace(TRAINING, schedule="cosine", learning_rate=8e-3)
+    result = run(frames, 12, config=fast)
     targets = inputs_and_targets(frames)[1]
     untrained = (targets - targets.median(0).values).abs().mean().item()
     assert untrained > 0.1
     assert result.validation_loss[-1] < 0.15 * untrained
     assert result.train_loss[-1] < result.train_loss[0] / 4
     # And the policy made of it gives the controller's torque.
-    policy = Policy(result.network, SPEC, frames.command_range)
+    policy = Policy(result.network, SPEC, frames.command_range, "solo12")
     torque = policy.torque(frames.state, frames.tick, frames.command, np.ones(len(frames), bool))
     assert np.abs(torque - frames.torque).mean() < 0.15 * SPEC.kp * untrained
 
@@ -574,10 +573,10 @@ def test_a_checkpoint_holds_losses_that_are_not_numbers(tmp_path):
 
 
 def test_bfloat16_products_learn_as_well():
-    frames = toy_frames(range(100))
+    frames = toy_frames(range(40))
     config = TrainingConfig(batch=64, precision="float32", schedule="cosine")
     short, full = (
-        run(frames, 10, config=replace(config, precision=precision))
+        run(frames, 5, config=replace(config, precision=precision))
         for precision in ("bfloat16", "float32")
     )
     assert short.validation_loss[-1] < 1.05 * full.validation_loss[-1]
@@ -601,7 +600,8 @@ data = sf.Dataset(sys.argv[1])
 data.append("all", frames)
 config = TrainingConfig(batch=64, precision="float32")
 result = sf.fit(sf.PolicyNetwork(SMALL), data, config, SPEC, 1, 0)
-sf.save(sf.Policy(result.network, SPEC, result.command_range), sys.argv[1] + "/policy")
+policy = sf.Policy(result.network, SPEC, result.command_range, "solo12")
+sf.save(policy, sys.argv[1] + "/policy")
 assert sf.load(sys.argv[1] + "/policy").spec == SPEC
 """
     with tempfile.TemporaryDirectory() as folder:

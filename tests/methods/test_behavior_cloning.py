@@ -37,6 +37,7 @@ def test_the_run_holds_the_experts_rollouts(finished):
     assert cost.failed_episodes == ()
 
 
+@pytest.mark.thorough  # `test_loco_safe_dagger.py` has processes too
 def test_the_same_run_again_has_the_same_bits(finished, tmp_path):
     run = create(tmp_path / "run", CLONING)
     behavior_cloning(run, workers=Workers(2))

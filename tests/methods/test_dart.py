@@ -12,7 +12,8 @@ from surefoot.methods.dart import learner_error
 from surefoot.rollouts.jobs import chunks_of, play_out, run_chunk
 from surefoot.runs.budget import solves_of
 from surefoot.runs.checks import check_config
-from surefoot.runs.run import RunError, create
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import create
 from tests.fakes import toy
 from tests.fakes.runs import collected
 from tests.fakes.toy_runs import CONFIG, LIMIT, METHODS, answers, collection, run_method
@@ -136,6 +137,7 @@ def test_the_pretraining_is_without_noise(runs):
     assert replace(collected(runs("dart"), 0), seconds=same.seconds) == same
 
 
+@pytest.mark.thorough  # of all methods, this is the one that is killed in `test_all_methods.py`
 def test_a_run_of_dart_again_has_the_same_noise(runs, tmp_path):
     again = run_method(tmp_path, replace(CONFIG, method=METHODS["dart"]))
     assert again.dataset.hash == runs("dart").dataset.hash

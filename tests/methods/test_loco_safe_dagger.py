@@ -20,6 +20,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.runs.run import Run, create, open_run
 from surefoot.scenarios.starts import load_starts
 from surefoot.workers import Workers
+from tests.cases import first_often
 from tests.fakes.killed import Killed
 from tests.fakes.learning import spec_of
 from tests.fakes.runs import collected, fingerprint, stages_of, trained
@@ -255,7 +256,12 @@ def test_a_parameter_out_of_range_is_an_error_before_any_work(
     assert run.metrics == []
 
 
-@pytest.mark.parametrize("lines", range(len(RESCUING_STAGES)))
+OFTEN = [3, 1, 8]
+"""Numbers of records after which each of the stages collect, train and validate is the next one."""
+NUMBERS = [*OFTEN, *(n for n in range(len(RESCUING_STAGES)) if n not in OFTEN)]
+
+
+@pytest.mark.parametrize("lines", first_often(len(OFTEN), NUMBERS))
 def test_stages_whose_records_are_lost_are_done_again_to_the_same_bits(finished, tmp_path, lines):
     """Though the dataset holds the frames of later iterations by then."""
     shutil.copytree(finished.folder, tmp_path / "run")
@@ -266,7 +272,7 @@ def test_stages_whose_records_are_lost_are_done_again_to_the_same_bits(finished,
     assert fingerprint(run) == fingerprint(finished)
 
 
-@pytest.mark.parametrize("iteration", [0, 1, 2])
+@pytest.mark.parametrize("iteration", first_often(2, [0, 2, 1]))
 def test_a_policy_that_is_lost_is_trained_again_to_the_same_bits(finished, tmp_path, iteration):
     shutil.copytree(finished.folder, tmp_path / "run")
     open_run(tmp_path / "run").policy_path(iteration).unlink()

@@ -14,7 +14,8 @@ from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.episodes import Episodes
 from surefoot.rollouts.jobs import Job, play_out
 from surefoot.runs.gate_training import deviation_samples
-from surefoot.runs.run import RunError, open_run
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import open_run
 from surefoot.safety.learned import Deviation
 from surefoot.safety.monitor import SafetyMonitor
 from surefoot.scenarios.starts import load_starts

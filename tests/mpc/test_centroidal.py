@@ -1,6 +1,7 @@
 """The centroidal solver against IPOPT, dense linear algebra and the laws of mechanics."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -96,7 +97,10 @@ def states(plan):
 
 @pytest.fixture(scope="module")
 def ipopt():
-    """The nonconvex problem as a whole, by an interior-point method from the standing start."""
+    """The nonconvex problem as a whole, by an interior-point method from the standing start.
+
+    The value gives the states and the forces of the instance of a seed.
+    """
     ca = pytest.importorskip("casadi")
     X = ca.SX.sym("X", 9, NODES + 1)
     F = ca.SX.sym("F", 12, NODES)
@@ -127,7 +131,9 @@ def ipopt():
     equalities = 9 * (NODES + 1)
     free = np.full(9 * (NODES + 1), np.inf)
 
-    def solution(contacts, x0, reference):
+    @cache
+    def solution(seed):
+        contacts, x0, reference = instance(seed)
         stance = np.repeat(contacts.active[..., None], 3, axis=2)
         lower = np.where(stance, [-np.inf, -np.inf, 0.0], 0.0).ravel()
         guess = np.where(stance, [0, 0, 9.81], 0.0) / contacts.active.sum(axis=1)[:, None, None]
@@ -159,7 +165,7 @@ def test_cost_is_that_of_the_true_optimum(seed, start, ipopt):
     contacts, x0, reference = instance(seed)
     guess = None if start == "cold" else solve(*instance(seed + 1))
     plan = solve(contacts, x0, reference, guess=guess)
-    best_states, best_forces = ipopt(contacts, x0, reference)
+    best_states, best_forces = ipopt(seed)
     best = cost(best_states, best_forces, reference)
     F = plan.forces / MASS
     assert plan.residual < 1e-3
@@ -173,7 +179,7 @@ def test_converges_to_the_true_optimum(seed, ipopt):
     contacts, x0, reference = instance(seed)
     tight = replace(CONFIG, tolerance=1e-8, max_iterations=2000)
     plan = solve(contacts, x0, reference, tight)
-    best_states, best_forces = ipopt(contacts, x0, reference)
+    best_states, best_forces = ipopt(seed)
     assert plan.residual < 1e-8
     np.testing.assert_allclose(plan.forces / MASS, best_forces, atol=1e-3)
     np.testing.assert_allclose(states(plan), best_states, atol=1e-4)
@@ -373,10 +379,18 @@ def test_force_step_is_the_constrained_least_squares_solution(push):
     for t in (0, 4, 9):
         feet = np.flatnonzero(contacts.active[t])
 
-        def objective(z, t=t, feet=feet):
-            trial = np.zeros((NODES, 4, 3))
-            trial[t, feet] = z.reshape(-1, 3)
-            R = violation(X, trial, contacts, p.x0)[t] + P[t]
+        one = slice(t, t + 1)
+        node = ContactPlan(
+            active=contacts.active[one],
+            position=contacts.position[one],
+            dt=contacts.dt[one],
+            via=contacts.via[one],
+        )
+
+        def objective(z, t=t, feet=feet, node=node):
+            trial = np.zeros((1, 4, 3))
+            trial[0, feet] = z.reshape(-1, 3)
+            R = violation(X[t : t + 2], trial, node, p.x0)[0] + P[t]
             return (10.0 * z @ z + p.rho[3:] @ R[3:] ** 2) / 1e3
 
         def cones(z):

@@ -28,7 +28,7 @@ def with_gain(gain):
 
 
 def answering(answer):
-    """A plan function of always the same name."""
+    """A plan function, whose name is always the same."""
     return lambda state, tick, command: answer(state, tick, command)
 
 

@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 
 from surefoot.config import ExpertConfig, Gait, KinematicConfig
-from surefoot.config.presets import TROT_GAIN
+from surefoot.config.expert_rules import TROT_GAIN
 from surefoot.mpc.ground_plane import NO_LEVER
 from surefoot.mpc.planner import PLAN_TICKS, Planner, to_heading_frame
 from surefoot.mpc.schedule import horizon

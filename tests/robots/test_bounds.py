@@ -9,20 +9,27 @@ from surefoot.config import TABLE_I, SafetyConfig
 from surefoot.robots.bounds import fallen, joint_rows, table_bounds
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
+from tests.fakes.states import turned_robot
 
 Q = standing(solo12())
 
 
-def tilted(angle: float) -> np.ndarray:
-    q = Q.copy()
-    q[3:7] = [np.sin(angle / 2), 0.0, 0.0, np.cos(angle / 2)]
-    return q
+def test_a_robot_whose_height_is_not_a_number_has_fallen():
+    q = np.array([Q, Q])
+    q[1, 2] = np.nan
+    assert fallen(q, TABLE_I).tolist() == [False, True]
 
 
-def test_a_robot_that_lies_flies_tilts_or_is_not_a_number_has_fallen():
-    heights = np.array([0.24, 0.09, 2.1, np.nan, 0.24, 0.24])
-    q = np.array([Q, Q, Q, Q, tilted(np.radians(29.0)), tilted(np.radians(31.0))])
-    assert fallen(heights, q, TABLE_I).tolist() == [False, True, True, True, False, True]
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+def test_falls_by_angle(axis):
+    for yaw in (0, 130):
+        q = np.array([turned_robot(**{axis: x}, yaw=yaw) for x in (-30.1, -29.9, 29.9, 30.1, 180)])
+        np.testing.assert_array_equal(fallen(q, TABLE_I), [True, False, False, True, True])
+
+
+def test_falls_by_height():
+    q = np.array([turned_robot(z=z) for z in (0.099, 0.101, 1.999, 2.001)])
+    np.testing.assert_array_equal(fallen(q, TABLE_I), [True, False, False, True])
 
 
 def test_three_ranges_are_those_of_a_left_front_leg_and_mirrored_for_the_others():
@@ -38,4 +45,4 @@ def test_bounds_that_are_nobodys_yet_are_an_error_that_says_what_to_do():
     with pytest.raises(ValueError, match=r"safety\.roll_pitch is None, .* `sf.with_own_values`"):
         table_bounds(SafetyConfig())
     with pytest.raises(ValueError, match=r"safety\.fall_height is None"):
-        fallen(np.array([0.2]), Q[None], SafetyConfig())
+        fallen(Q[None], SafetyConfig())

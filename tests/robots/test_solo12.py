@@ -8,6 +8,7 @@ import pytest
 
 import surefoot.robots.description
 from surefoot.config import RobotConfig
+from surefoot.robots.load import load_robot
 from surefoot.robots.solo12 import solo12
 from surefoot.types import JOINTS, LEGS
 
@@ -77,7 +78,7 @@ def test_nominal_pose_is_mirror_symmetric_and_bent_outwards():
 
 def test_limit_comes_from_the_config():
     np.testing.assert_array_equal(
-        solo12(RobotConfig(torque_limit=1.25)).torque_limit, np.full(12, 1.25)
+        load_robot(RobotConfig(torque_limit=1.25)).torque_limit, np.full(12, 1.25)
     )
     np.testing.assert_array_equal(ROBOT.torque_limit, np.full(12, 2.7))
 

@@ -26,7 +26,7 @@ from tests.fakes.drivers import FakeController
 from tests.fakes.learning import SMALL, spec_of, trained_network
 
 SEEDS = st.integers(0, 2**32 - 1)
-POLICY = Policy(trained_network(), spec_of(SMALL), np.zeros((2, 3)))
+POLICY = Policy(trained_network(), spec_of(SMALL), np.zeros((2, 3)), "solo12")
 
 
 def random_moment(seed, batch):
@@ -97,12 +97,15 @@ SPECS = [
 def test_a_compiled_layout_gives_the_same_torques_to_the_bit_over_many_ticks(spec, batch):
     config = PolicyConfig(hidden=(16,))
     policy = Policy(
-        PolicyNetwork(config, inputs=spec.input_size), PolicySpec(spec, 2.0, 0.1), np.zeros((2, 3))
+        PolicyNetwork(config, inputs=spec.input_size),
+        PolicySpec(spec, 2.0, 0.1),
+        np.zeros((2, 3)),
+        "solo12",
     )
     compiled = driver(policy)
     assert isinstance(compiled, CompiledLayout)
     compiled.reset(batch)
-    reference = Policy(policy.network, policy.spec, policy.command_range)
+    reference = Policy(policy.network, policy.spec, policy.command_range, "solo12")
     reference.reset(batch)
     gait = np.arange(batch) % len(spec.gaits)
     policy.gait = gait
@@ -123,7 +126,10 @@ def test_a_compiled_layout_gives_the_same_torques_to_the_bit_over_many_ticks(spe
 
 def test_the_memory_of_a_robot_does_not_depend_on_the_batch():
     policy = Policy(
-        PolicyNetwork(PolicyConfig(), inputs=253), PolicySpec(SPECS[0], 2.0, 0.1), np.zeros((2, 3))
+        PolicyNetwork(PolicyConfig(), inputs=253),
+        PolicySpec(SPECS[0], 2.0, 0.1),
+        np.zeros((2, 3)),
+        "solo12",
     )
     torques = {}
     for batch in (3, 12):
@@ -153,7 +159,7 @@ def test_only_a_trained_policy_is_compiled():
     class Own(Policy):
         """A user's own policy, with another torque."""
 
-    own = Own(POLICY.network, POLICY.spec, POLICY.command_range)
+    own = Own(POLICY.network, POLICY.spec, POLICY.command_range, "solo12")
     controller = FakeController(1.0)
     assert driver(own) is own
     assert driver(controller) is controller

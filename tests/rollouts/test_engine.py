@@ -398,6 +398,13 @@ def test_a_body_that_stays_on_the_ground_has_fallen_where_the_option_says_so():
     assert rollouts.length.tolist() == [200, 300]
 
 
+@pytest.mark.parametrize("body_contact", [0.0001, 0.0005, 0.001])
+def test_the_first_tick_of_contact_is_a_fall_where_bounds_allow_no_more(body_contact):
+    rollouts = touched_for([[(50, 51)], []], body_contact=body_contact)
+    assert rollouts.length.tolist() == [50, 300]
+    assert (rollouts.outcome == Outcome.FELL).tolist() == [True, False]
+
+
 # --- what does not fit
 
 

@@ -110,7 +110,7 @@ def test_an_episode_is_the_same_in_any_batch_and_place():
     """Policy, monitor, takeovers of the expert off the grid, and tail, all together."""
     starts = STORED["select"][np.array([3, 31, 47, 55, 68])]
     network = PolicyNetwork(PolicyConfig(hidden=(32, 32)), seed=1)
-    policy = Policy(network, spec_of(CONFIG.policy), np.zeros((2, 3)))
+    policy = Policy(network, spec_of(CONFIG.policy), np.zeros((2, 3)), "solo12")
     expert = make_expert(ROBOT, CONFIG)
 
     def run_rows(rows):

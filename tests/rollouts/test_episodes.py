@@ -240,5 +240,5 @@ def test_only_episodes_of_one_kind_are_joined():
     with pytest.raises(ValueError, match="1 of 2 parts are disturbed"):
         join_episodes([plain, replace(plain, disturbance=Disturbance())])
     late = replace(plain, disturbance=Disturbance(delay=1), late=np.zeros((1, 1, 12)))
-    with pytest.raises(ValueError, match="1 of 2 parts have an array that all need"):
+    with pytest.raises(ValueError, match="1 of 2 parts have late torques; give all"):
         join_episodes([late, replace(late, late=None)])

@@ -51,7 +51,7 @@ STANDING = standing(solo12())
 @pytest.fixture(scope="module")
 def policy(tmp_path_factory):
     path = tmp_path_factory.mktemp("policies") / "random.safetensors"
-    save(Policy(PolicyNetwork(HIDDEN, seed=2), spec_of(HIDDEN), np.zeros((2, 3))), path)
+    save(Policy(PolicyNetwork(HIDDEN, seed=2), spec_of(HIDDEN), np.zeros((2, 3)), "solo12"), path)
     return path
 
 

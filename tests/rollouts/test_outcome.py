@@ -1,15 +1,17 @@
 """How an episode ends: falls, touchdowns to the tick, and what counts as stepping."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from surefoot.config import TABLE_I, Gait, SafetyConfig
 from surefoot.config.gait_table import GAITS
 from surefoot.rollouts.outcome import (
+    Falls,
     Outcome,
     airborne,
     failed,
-    fallen,
     heights_of_swings,
     judged_from,
     never_standing,
@@ -33,16 +35,36 @@ def test_falls_and_divergence_are_failures_and_stalls_are_not():
     assert failed(outcome).tolist() == [False, True, False, True]
 
 
-@pytest.mark.parametrize("axis", ["roll", "pitch"])
-def test_falls_by_angle(axis):
-    for yaw in (0, 130):
-        q = np.array([turned_robot(**{axis: x}, yaw=yaw) for x in (-30.1, -29.9, 29.9, 30.1, 180)])
-        np.testing.assert_array_equal(fallen(state_of(q), CONFIG), [True, False, False, True, True])
+def test_falls_are_judged_from_each_robots_grace_on():
+    falls = Falls(replace(CONFIG, grace=0.01), 3)
+    lying = state_of(np.array([turned_robot(z=0.05)] * 3))
+    nobody = np.zeros(3, bool)
+    assert falls.judge(lying, nobody, 9).tolist() == [False, False, False]
+    assert falls.judge(lying, nobody, 10).tolist() == [True, True, True]
+    assert falls.judge(lying, nobody, np.array([9, 10, 11])).tolist() == [False, True, True]
 
 
-def test_falls_by_height():
-    q = np.array([turned_robot(z=z) for z in (0.099, 0.101, 1.999, 2.001)])
-    np.testing.assert_array_equal(fallen(state_of(q), CONFIG), [True, False, False, True])
+@pytest.mark.parametrize(
+    ("body_contact", "ticks"), [(0.003, 3), (0.001, 1), (0.0005, 1), (0.0001, 1)]
+)
+def test_contact_that_lasts_is_a_fall_and_a_break_or_a_reset_begins_anew(body_contact, ticks):
+    falls = Falls(replace(CONFIG, grace=0.0, body_contact=body_contact), 3)
+    standing = state_of(np.array([turned_robot()] * 3))
+    touching = np.array([True, True, False])
+    for _ in range(ticks - 1):
+        assert not falls.judge(standing, touching, 0).any()
+    assert falls.judge(standing, touching, 0).tolist() == [True, True, False]
+    assert not falls.judge(standing, np.zeros(3, bool), 0).any()
+    for _ in range(ticks - 1):
+        falls.judge(standing, touching, 0)
+    falls.reset(np.array([True, False, False]))
+    assert falls.judge(standing, touching, 0).tolist() == [ticks == 1, True, False]
+
+
+def test_contact_is_no_fall_where_the_bounds_allow_it():
+    falls = Falls(replace(CONFIG, grace=0.0, body_contact=0.0), 1)
+    standing = state_of(turned_robot())
+    assert not any(falls.judge(standing, np.ones(1, bool), tick)[0] for tick in range(1000))
 
 
 # --- touchdowns and stepping

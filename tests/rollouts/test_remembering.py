@@ -41,7 +41,7 @@ class Coins:
 
 def watched(arbiter) -> tuple[Policy, dict[int, np.ndarray]]:
     """A policy, and a record of its inputs by the tick of the rollout."""
-    policy = Policy(trained_network(BLIND), SPEC, np.zeros((2, 3)))
+    policy = Policy(trained_network(BLIND), SPEC, np.zeros((2, 3)), "solo12")
     network = policy.forward
     seen = {}
 
@@ -126,7 +126,7 @@ class Turns:
 
 
 def branched(episodes) -> Rollout:
-    policy = Policy(trained_network(BLIND), SPEC, np.zeros((2, 3)))
+    policy = Policy(trained_network(BLIND), SPEC, np.zeros((2, 3)), "solo12")
     expert = FakeController(0.3)
     return rollout(FakeSimulator(len(episodes)), episodes, Turns(), expert, policy)
 
@@ -217,10 +217,10 @@ def test_a_policy_without_memory_is_not_told_of_ticks():
         def observe(self, state, tick, torque):
             self.count += 1
 
-    own = Told(trained_network(), spec_of(SMALL), np.zeros((2, 3)))
+    own = Told(trained_network(), spec_of(SMALL), np.zeros((2, 3)), "solo12")
     rollout(FakeSimulator(2), standing_for(0.02, batch=2), PolicyOnly(), FakeController(), own)
     assert own.count == 20
-    plain = Policy(trained_network(), spec_of(SMALL), np.zeros((2, 3)))
+    plain = Policy(trained_network(), spec_of(SMALL), np.zeros((2, 3)), "solo12")
     spy: Any = plain
     spy.observe = None  # calling it would be an error
     rollout(FakeSimulator(2), standing_for(0.02, batch=2), PolicyOnly(), FakeController(), plain)

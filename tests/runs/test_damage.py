@@ -23,8 +23,10 @@ from surefoot.learning.samples import BLOCK, WIDTH, TrainingSamples
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.rollouts.jobs import ChunkResult, Job, run_chunk
-from surefoot.runs.run import Run, RunError, create, open_run, run_of_policy
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import Run, create, open_run, run_of_policy
 from surefoot.workers import Workers
+from tests.cases import first_often
 from tests.fakes.runs import fingerprint
 from tests.fakes.small_runs import CLONING, config_of
 
@@ -296,8 +298,11 @@ def test_a_damaged_policy_or_configuration_is_named(copy, monkeypatch, capsys):
 # --- learned gates, and the traces that they learn from
 
 
+GATED = replace(config_of("loco_safe_dagger"), chunk=15)
+
+
 def train_with_gates(folder: Path) -> Run:
-    run = create(folder, config_of("loco_safe_dagger"), resume=True)
+    run = create(folder, GATED, resume=True)
     loco_safe_dagger(run, ONE)
     return run
 
@@ -323,11 +328,19 @@ def gated_copy(gated, tmp_path) -> Run:
     return open_run(tmp_path / "run")
 
 
-GATES = [("classifier", 0), ("classifier", 2), ("history", 1), ("history", 2)]
+DAMAGED_GATES = [
+    ("classifier", 0, cut),
+    ("classifier", 2, flip),
+    ("history", 1, flip),
+    ("history", 2, cut),
+    ("classifier", 0, flip),
+    ("classifier", 2, cut),
+    ("history", 1, cut),
+    ("history", 2, flip),
+]
 
 
-@pytest.mark.parametrize(("kind", "i"), GATES)
-@pytest.mark.parametrize("damage", [cut, flip])
+@pytest.mark.parametrize(("kind", "i", "damage"), first_often(3, DAMAGED_GATES))
 def test_a_damaged_gate_is_named_and_trained_again_once_deleted(gated, gated_copy, kind, i, damage):
     gate = gated_copy.gate_path(kind, i)
     damage(gate)
@@ -338,14 +351,14 @@ def test_a_damaged_gate_is_named_and_trained_again_once_deleted(gated, gated_cop
     assert everything(train_with_gates(gated_copy.folder)) == everything(gated)
 
 
-@pytest.mark.parametrize("lost", [["gates"], ["traces"], ["gates", "traces"]])
+@pytest.mark.parametrize("lost", first_often(1, [["gates", "traces"], ["gates"], ["traces"]]))
 def test_gates_and_traces_that_are_lost_are_made_again(gated, gated_copy, lost):
     for folder in lost:
         shutil.rmtree(gated_copy.folder / folder)
     assert everything(train_with_gates(gated_copy.folder)) == everything(gated)
 
 
-@pytest.mark.parametrize("damage", [cut, Path.unlink])
+@pytest.mark.parametrize("damage", first_often(1, [cut, Path.unlink]))
 def test_a_damaged_trace_is_named_when_it_is_needed_and_collected_again(gated, gated_copy, damage):
     trace = gated_copy.trace_path("iteration_001-000")
     damage(trace)

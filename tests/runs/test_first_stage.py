@@ -7,7 +7,8 @@ import pytest
 from surefoot.config import DisturbanceConfig, PolicyConfig
 from surefoot.methods import METHODS as TRAINED
 from surefoot.runs.first_stage import copy_first_stage, first_stage
-from surefoot.runs.run import RunError, create
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import create
 from surefoot.workers import Workers
 from tests.cases import first_often
 from tests.fakes.runs import fingerprint

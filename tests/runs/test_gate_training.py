@@ -33,9 +33,9 @@ from surefoot.workers import Workers
 from tests.fakes.runs import gate_trained
 
 METHOD = LocoSafeDaggerConfig(
-    # Taught enough that its policy meets safe and unsafe states.
+    # Taught just enough that its policy meets safe and unsafe states.
     pretraining=ExpertData(4, 1, True, 0.3),
-    pretraining_epochs=60,
+    pretraining_epochs=8,
     iterations=2,
     velocities=4,
     perturbations=2,

@@ -11,7 +11,8 @@ from surefoot.config.gait_table import GAITS, gait_name
 from surefoot.config.single_gaits import each_gait
 from surefoot.mpc.gaits import with_gait, with_gaits
 from surefoot.runs.first_stage import first_stage
-from surefoot.runs.run import RunError, config_for, create, open_run
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import config_for, create, open_run
 from surefoot.scenarios import prepare as module
 from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.starts import load_starts, starts_of

@@ -5,9 +5,9 @@ import pytest
 from surefoot.config import MOST_GAITS, Config
 from surefoot.runs.layout import (
     CONFIG_FILE,
-    COPIES,
     METRICS_FILE,
     OWN,
+    STARTS_FILES,
     run_that_owns,
 )
 from surefoot.runs.run import Run
@@ -59,5 +59,5 @@ def test_a_config_of_another_program_is_no_run(tmp_path):
 
 
 def test_a_run_has_a_file_of_initial_states_for_each_gait_that_a_policy_may_have():
-    assert len([name for name in COPIES if name.startswith("starts")]) == MOST_GAITS
+    assert len(STARTS_FILES) == MOST_GAITS
     assert f"starts-{MOST_GAITS - 1}.npz" in OWN

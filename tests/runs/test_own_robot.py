@@ -13,7 +13,8 @@ from surefoot.robots.description import find_urdf
 from surefoot.robots.identity import content_hash
 from surefoot.robots.load import load_robot
 from surefoot.runs.first_stage import without_files
-from surefoot.runs.run import RunError, create, open_run
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import create, open_run
 from surefoot.scenarios import prepare as module
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.comparable import check_comparable

@@ -22,8 +22,9 @@ from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.mpc.gaits import numbers_of
 from surefoot.robots.load import load_robot
 from surefoot.robots.scaling import own_values, with_own_values
-from surefoot.runs.policies import find_policy, prepared_for, safety_bounds
-from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.layout import RunError
+from surefoot.runs.policies import find_policy, safety_bounds
+from surefoot.runs.run import Run, create, open_run
 from surefoot.scenarios import prepare as prepare_module
 from surefoot.scenarios.starts import starts_of
 from surefoot.workers import Workers
@@ -106,7 +107,7 @@ def test_a_policy_of_another_period_gain_or_phase_is_refused(
 def test_a_policy_that_lies_in_no_run_brings_its_gains(finished, tmp_path, caplog):
     trained = load(finished.best_policy_path)
     config = PolicyConfig(trained.network.hidden, kp=2.5, kd=0.07, phase="fraction")
-    policy = Policy(trained.network, spec_of(config), trained.command_range)
+    policy = Policy(trained.network, spec_of(config), trained.command_range, "solo12")
     path = tmp_path / "elsewhere" / "policy.safetensors"
     save(policy, path)
     with caplog.at_level(logging.INFO, logger="surefoot"):
@@ -151,21 +152,18 @@ def test_a_policy_that_lies_in_no_run_brings_its_safety_bounds(tmp_path):
         assert config.safety == safety
 
 
-def test_what_lies_in_no_run_is_prepared_once_and_a_run_as_it_is(
-    finished, tmp_path, fake_walks, monkeypatch
-):
+def test_what_lies_in_no_run_is_prepared_once(tmp_path, fake_walks, monkeypatch):
     whole = prepare_module.prepare
     monkeypatch.setattr(prepare_module, "prepare", lambda config: whole(config, sizes=SMALL))
-    assert prepared_for(finished.best_policy_path, finished.config) == finished.config
     commands = [[-0.2, -0.1, 0.0], [0.6, 0.1, 0.0]]
-    path, config = find_policy(
+    _, config = find_policy(
         file_of(tmp_path, "go2", *gait_timings([GAITS["trot"]]), commands=commands)
     )
     by_hand = prepare_module.prepare(
         Config(robot=RobotConfig("go2"), commands=CommandBox((-0.2, 0.6), (-0.1, 0.1)))
     )
     asked = len(fake_walks.asked)
-    config = prepared_for(path, config)
+    config = prepare_module.completed(config)
     assert len(fake_walks.asked) == asked
     assert starts_of(config).hash == by_hand.starts.hash
     assert config.expert.command_gain == by_hand.made.command_gain

@@ -14,8 +14,9 @@ from surefoot.config import TrainingConfig
 from surefoot.files import write_json
 from surefoot.learning.precision import PrecisionChoice
 from surefoot.robots.scaling import with_own_values
+from surefoot.runs.layout import RunError
 from surefoot.runs.precision import kept_precision
-from surefoot.runs.run import RunError, create, open_run
+from surefoot.runs.run import create, open_run
 from tests.fakes.runs import collected_record
 from tests.fakes.toy_runs import CONFIG, SMALL_METHODS, run_method
 

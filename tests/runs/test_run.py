@@ -9,10 +9,18 @@ import pytest
 
 import surefoot.files
 import surefoot.runs.metrics as metrics_module
-from surefoot.config import BehaviorCloningConfig, Config, LocoSafeDaggerConfig, SimulationConfig
+from surefoot.config import (
+    BehaviorCloningConfig,
+    Config,
+    DaggerConfig,
+    LocoDaggerConfig,
+    LocoSafeDaggerConfig,
+    SimulationConfig,
+)
 from surefoot.robots.scaling import with_own_values
+from surefoot.runs.layout import RunError
 from surefoot.runs.metrics import Best
-from surefoot.runs.run import RunError, create, open_run, run_of_policy
+from surefoot.runs.run import Run, create, open_run, run_of_policy
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import load_starts, save_starts, starts_of
 from tests.fakes.learning import FLOAT32
@@ -91,25 +99,11 @@ def test_a_run_on_a_terrain_writes_down_the_ground_it_plans_on_and_one_without_d
     assert written == {"level": None, "hills": "feet"}
 
 
-@pytest.mark.parametrize("written", ["null", "nothing"])
-def test_a_run_that_was_begun_before_there_was_a_choice_of_ground_stays_on_level(tmp_path, written):
-    hills = Config(simulation=SimulationConfig(terrain="slope:5"), training=FLOAT32)
-    run = create(tmp_path / "run", hills)
-    run.append_metrics(collected_record(0))
-    path = tmp_path / "run" / "config.json"
-    values = json.loads(path.read_text())
-    values["config"]["expert"]["ground"] = None
-    if written == "nothing":
-        del values["config"]["expert"]["ground"]
-    path.write_text(json.dumps(values))
-    assert open_run(tmp_path / "run").config.expert.ground == "level"
-    again = create(tmp_path / "run", hills, resume=True)
-    assert again.config.expert.ground == "level"
-    felt = replace(hills, expert=replace(hills.expert, ground="feet"))
-    with pytest.raises(
-        RunError, match=r'another config.*: expert.ground "feet" instead of "level"'
-    ):
-        create(tmp_path / "run", felt, resume=True)
+def test_parameters_are_those_of_the_runs_method(tmp_path):
+    run = Run(tmp_path, replace(Config(), method=DaggerConfig(p=0.25)))
+    assert run.parameters(DaggerConfig).p == 0.25
+    with pytest.raises(TypeError, match="configured for dagger, not for loco_dagger"):
+        run.parameters(LocoDaggerConfig)
 
 
 def test_a_folder_may_be_given_as_text(tmp_path):

@@ -26,11 +26,13 @@ from surefoot.methods.behavior_cloning import behavior_cloning, collection
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values
-from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.stages import choose_best_policy, collect_data, training_data
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.types import MotionPlan
 from surefoot.workers import Workers
+from tests.cases import first_often
 from tests.fakes.killed import Killed
 from tests.fakes.runs import fingerprint, trained, validated_record
 from tests.fakes.small_runs import CLONING, CLONING_STAGES
@@ -126,6 +128,7 @@ def test_chunks_that_are_done_are_not_run_again(finished, tmp_path, monkeypatch)
     assert fingerprint(run) == fingerprint(finished)
 
 
+@pytest.mark.thorough  # `test_budget.py` has it in one process
 def test_a_budget_ends_at_the_same_rollout_for_any_number_of_processes(tmp_path):
     """Seven rollouts of two solves each, of 0.75 s; the first chunk has six."""
     records = []
@@ -327,7 +330,9 @@ def go2_starts(tmp_path_factory) -> str:
     return str(path)
 
 
-@pytest.mark.parametrize("method", [CLONING.method, SafeDaggerConfig(**BRIEF), DartConfig(**BRIEF)])
+@pytest.mark.parametrize(
+    "method", first_often(1, [SafeDaggerConfig(**BRIEF), DartConfig(**BRIEF), CLONING.method])
+)
 def test_the_policies_of_a_run_belong_to_its_robot(tmp_path, monkeypatch, go2_starts, method):
     config = replace(CLONING, robot=RobotConfig("go2"), start_set=go2_starts, method=method)
     run = create(tmp_path / "run", with_own_values(config))

@@ -3,7 +3,7 @@
 import platform
 
 from surefoot.runs import versions as module
-from surefoot.runs.versions import PACKAGES, processor, versions
+from surefoot.runs.versions import PACKAGES, installed, processor, versions
 
 
 def test_python_processor_and_every_package_have_a_version():
@@ -21,6 +21,8 @@ def test_pybullet_counts_only_where_it_is_the_simulator():
 def test_a_package_that_is_not_installed_is_missing(monkeypatch):
     monkeypatch.setattr(module, "PACKAGES", ("numpy", "no-such-package"))
     assert versions()["no-such-package"] == "missing"
+    assert installed("no-such-package") is None
+    assert installed("numpy") == versions()["numpy"]
 
 
 CPUINFO = (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from surefoot.config import TABLE_I
-from surefoot.rollouts.outcome import fallen
+from surefoot.robots.bounds import fallen
 from surefoot.safety.gates import AnyOf, Bounds, margin, outside, tightened, unsafe
 from surefoot.types import JOINTS
 from tests.fakes.gates import NOT_FLAGS, Careless, ScriptedGate
@@ -59,9 +59,9 @@ def test_the_table_tests_the_height_of_the_center_of_mass_and_a_fall_that_of_the
     low_com = state_of(turned_robot(), 0.1)
     low_base = state_of(turned_robot(z=0.05), 0.2)
     assert unsafe(low_com, CONFIG)[0]
-    assert not fallen(low_com, CONFIG)[0]
+    assert not fallen(low_com.q, CONFIG)[0]
     assert not unsafe(low_base, CONFIG)[0]
-    assert fallen(low_base, CONFIG)[0]
+    assert fallen(low_base.q, CONFIG)[0]
 
 
 def test_bounds_come_from_the_config():
@@ -75,7 +75,7 @@ def test_a_state_that_is_not_a_number_is_unsafe():
     q[1, 9] = np.nan
     q[2, 3] = np.nan
     np.testing.assert_array_equal(unsafe(state_of(q), CONFIG), [False, True, True])
-    np.testing.assert_array_equal(fallen(state_of(q), CONFIG), [False, False, True])
+    np.testing.assert_array_equal(fallen(q, CONFIG), [False, False, True])
 
 
 def test_outside_tells_which_number_leaves_its_bounds():

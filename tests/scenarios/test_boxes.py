@@ -8,7 +8,7 @@ import pytest
 from surefoot.config import CommandBox, Config
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.solo12 import solo12
-from surefoot.scenarios.boxes import describe, largest_box, walks_enough
+from surefoot.scenarios.boxes import box_in_words, largest_box, walks_enough
 from tests.fakes.walks import fake_walks
 
 __all__ = ["fake_walks"]
@@ -42,7 +42,7 @@ def test_nine_tenths_are_enough():
 
 def test_a_box_is_described_as_the_options_that_ask_for_it():
     box = CommandBox((-0.5, 1.0), yaw_rate=(-1.0, 1.0))
-    assert describe(box) == "--vx -0.5 1 --vy 0 0 --yaw-rate -1 1"
+    assert box_in_words(box) == "--vx -0.5 1 --vy 0 0 --yaw-rate -1 1"
 
 
 def test_a_smaller_box_is_within_the_one_that_was_asked_for(monkeypatch):

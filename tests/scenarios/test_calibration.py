@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from surefoot.config import CommandBox, Config, ExpertConfig, Gait
+from surefoot.config.expert_rules import TROT_GAIN
 from surefoot.config.gait_table import GAITS
-from surefoot.config.presets import TROT_GAIN
 from surefoot.mpc.gaits import with_gait
 from surefoot.robots.model import standing
 from surefoot.robots.scaling import with_own_values

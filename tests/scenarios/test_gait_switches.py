@@ -14,6 +14,7 @@ from surefoot.scenarios.gait_switches import (
     NEVER,
     GaitSwitches,
     draw_switches,
+    gaits_by_tick,
     in_turn,
     join_switches,
     switches_at,
@@ -62,7 +63,7 @@ def test_switches_count_from_the_beginning_of_each_episode_and_stay_in_order():
     # Asked for at 610 and 620: the walk begins at 1000, and so the bound only after it.
     assert switches.elapsed[0].tolist() == [1000, 1200]
     assert (switches.elapsed[1] + 130).tolist() == [900, 2000]
-    table = switches.table(starts.gait, 1300)
+    table = gaits_by_tick(starts.gait, switches, 1300)
     assert table[0, [0, 999, 1000, 1199, 1200]].tolist() == [0, 0, 1, 1, 2]
     assert table[1, [0, 769, 770]].tolist() == [0, 0, 2]
     for tick in (0, 770, 1000, 1250):
@@ -91,7 +92,7 @@ def test_an_episode_that_goes_on_keeps_the_switches_to_come():
     # After it, the robot begins in the gait that it had then.
     over = switches.after(np.array([500]))
     assert over.at(np.array([3]), 0).tolist() == [3]
-    assert over.table(np.array([3]), 4).tolist() == [[3, 3, 3, 3]]
+    assert gaits_by_tick(np.array([3]), over, 4).tolist() == [[3, 3, 3, 3]]
 
 
 def test_joined_switches_are_those_of_each_part():

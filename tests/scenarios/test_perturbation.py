@@ -9,6 +9,7 @@ import pytest
 
 from surefoot.config import TABLE_I, PerturbationConfig, RobotConfig, SafetyConfig
 from surefoot.robots.geometry import lowest_points
+from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.scenarios.perturbation import (
@@ -264,7 +265,7 @@ def test_joints_within_their_limits_stay_there():
 
 
 def test_with_a_hardware_profile_joints_beyond_its_ranges_are_not_acceptable():
-    limited = solo12(RobotConfig(profile="odri"))
+    limited = load_robot(RobotConfig(profile="odri"))
     inside = STANDING.copy()
     inside[2] += 0.1
     beyond = inside.copy()

@@ -20,8 +20,8 @@ from surefoot.config import (
     TrainingConfig,
 )
 from surefoot.config.checked import known
+from surefoot.config.expert_rules import TROT_GAIN
 from surefoot.config.json_io import to_json
-from surefoot.config.presets import TROT_GAIN
 from surefoot.config.profiles import ODRI
 from surefoot.config.robot_table import GO2
 from surefoot.config.single_gaits import each_gait
@@ -123,7 +123,7 @@ def test_the_key_changes_with_the_code_and_the_versions_of_the_planner(monkeypat
     with monkeypatch.context() as patch:
         patch.setattr("surefoot.scenarios.keys.code_hash", lambda: "other")
         assert key() != before
-    monkeypatch.setattr("surefoot.scenarios.keys.version", lambda name: "0")
+    monkeypatch.setattr("surefoot.scenarios.keys._version", lambda name: "0")
     assert key() != before
 
 
@@ -432,8 +432,8 @@ def test_a_file_of_initial_states_brings_its_gains_and_bounds(small_sets, monkey
 def test_what_a_run_has_measured_is_kept_when_it_goes_on(small_sets, monkeypatch):
     whole = completed(GO2_TROT)
     monkeypatch.setattr(module, "prepare", None)
-    assert with_values_of(whole, GO2_TROT) == whole
-    other = with_values_of(whole, replace(GO2_TROT, safety=SafetyConfig(roll_pitch=20.0)))
+    assert with_values_of(GO2_TROT, whole) == whole
+    other = with_values_of(replace(GO2_TROT, safety=SafetyConfig(roll_pitch=20.0)), whole)
     assert other.safety.roll_pitch == 20.0
 
 
@@ -446,11 +446,11 @@ def test_a_run_of_an_earlier_version_goes_on_with_the_numbers_that_it_has(small_
         collection=replace(whole.collection, impulse=(0.3, 1.5)),
     )
     none = DisturbanceConfig(impulse=None)
-    assert with_values_of(earlier, replace(GO2_TROT, collection=none)) == earlier
+    assert with_values_of(replace(GO2_TROT, collection=none), earlier) == earlier
     joints = SafetyConfig(joints=whole.safety.joints)
-    assert with_values_of(earlier, replace(GO2_TROT, safety=joints)).safety == earlier.safety
+    assert with_values_of(replace(GO2_TROT, safety=joints), earlier).safety == earlier.safety
     other = replace(GO2_TROT, safety=SafetyConfig(knee=(-150.0, 0.0)))
-    assert with_values_of(earlier, other).safety != earlier.safety
+    assert with_values_of(other, earlier).safety != earlier.safety
 
 
 GIVEN = {
@@ -467,19 +467,19 @@ GIVEN = {
 @pytest.mark.parametrize("name", GIVEN)
 def test_what_was_given_at_first_need_not_be_given_again(small_sets, name):
     whole = completed(GIVEN[name])
-    assert with_values_of(whole, GIVEN[name]) == whole
-    assert with_values_of(whole, GO2_TROT) == whole
+    assert with_values_of(GIVEN[name], whole) == whole
+    assert with_values_of(GO2_TROT, whole) == whole
 
 
 def test_initial_states_that_were_given_at_first_need_not_be_given_again():
     whole = replace(with_own_values(Config()), start_set="mine.npz")
-    assert with_values_of(whole, Config()) == whole
+    assert with_values_of(Config(), whole) == whole
 
 
 def test_another_robot_is_not_taken_for_that_of_the_run(small_sets):
     spec = replace(GO2, name="mine")
     whole = completed(replace(GO2_TROT, robot=RobotConfig("mine", spec=spec)))
-    assert with_values_of(whole, GO2_TROT).robot != whole.robot
+    assert with_values_of(GO2_TROT, whole).robot != whole.robot
 
 
 def test_a_preparation_survives_its_file(fake_walks):

@@ -18,6 +18,7 @@ from surefoot.sim import make_simulator
 from surefoot.types import Command
 from surefoot.viz.renderer import view_scale
 from surefoot.viz.replay import standing_start
+from tests.cases import first_often
 from tests.fakes.robots import (
     BACKENDS,
     GRAVITY,
@@ -55,7 +56,9 @@ def stiff_on_a_slope(simulator, backend: str, gravity: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-@pytest.mark.parametrize(("friction", "degrees"), [(0.3, 0), (0.5, 0), (0.5, 45), (0.8, 0)])
+@pytest.mark.parametrize(
+    ("friction", "degrees"), first_often(2, [(0.3, 0), (0.5, 45), (0.5, 0), (0.8, 0)])
+)
 def test_sliding_angle(backend, friction, degrees):
     """Just below the friction coefficient of the pair a robot sticks, above it slides.
 
@@ -143,12 +146,12 @@ def test_standing_is_the_same():
 
 @needs_pybullet
 def test_the_expert_walks_the_same():
-    """Five seconds of trot at 0.2 m/s from standing: speed, height, contacts, effort."""
+    """Three seconds of trot at 0.2 m/s from standing: speed, height, contacts, effort."""
     both_rollouts = []
     for backend in ("mujoco", "bullet"):
         config = replace(Config(), simulation=SimulationConfig(backend))
         start = standing_start(Command(0.2))
-        rollouts, expert = play_out(Job(config, Episodes(start, 5.0), ExpertOnly()))
+        rollouts, expert = play_out(Job(config, Episodes(start, 3.0), ExpertOnly()))
         assert rollouts.outcome[0] == Outcome.SUCCESS
         assert not expert.invalid_plans.any()
         both_rollouts.append(rollouts)
@@ -174,7 +177,7 @@ def test_the_expert_walks_the_same():
 
 
 @needs_pybullet
-@pytest.mark.parametrize("name", [name for name in ROBOTS if name != "solo12"])
+@pytest.mark.parametrize("name", first_often(2, [name for name in ROBOTS if name != "solo12"]))
 def test_every_robots_expert_walks_the_same(name):
     """Two seconds of trot from standing: speed, height, effort. Solo12 is tested longer above."""
     config = RobotConfig(name)

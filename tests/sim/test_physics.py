@@ -33,13 +33,13 @@ def make(request):
 
 def test_velocity_is_pinocchios(make):
     """Pinocchio's difference of two configurations a tick apart is the velocity between them."""
-    q, v = random_states(20)
-    simulator = make(20)
+    q, v = random_states(5)
+    simulator = make(5)
     simulator.reset(q, v)
-    simulator.step(np.zeros((20, 12)))
+    simulator.step(np.zeros((5, 12)))
     after = simulator.state
     # MuJoCo moves the configuration with the new velocity (semi-implicit Euler).
-    for row in range(20):
+    for row in range(5):
         difference = pin.difference(ROBOT.model, q[row], after.q[row]) / 1e-3
         np.testing.assert_allclose(difference[6:], after.v[row, 6:], atol=1e-9)
         np.testing.assert_allclose(difference[3:6], after.v[row, 3:6], atol=1e-9)
@@ -70,14 +70,14 @@ def test_com_and_feet_are_pinocchios_at_every_tick(make):
 
 def test_dynamics_are_pinocchios(make):
     """Joint accelerations in the air, with velocities and torques, against forward dynamics."""
-    q, v = random_states(20)
-    torque = np.random.default_rng(1).normal(0.0, 0.1, (20, 12))
-    simulator = make(20)
+    q, v = random_states(5)
+    torque = np.random.default_rng(1).normal(0.0, 0.1, (5, 12))
+    simulator = make(5)
     simulator.reset(q, v)
     v = simulator.state.v
     simulator.step(torque)
     data = ROBOT.model.createData()
-    for row in range(20):
+    for row in range(5):
         effort = np.concatenate([np.zeros(6), torque[row]])
         acceleration = pin.aba(ROBOT.model, data, q[row], v[row], effort)
         measured = (simulator.state.v[row] - v[row]) / 1e-3
@@ -232,20 +232,20 @@ def test_a_robot_does_not_know_its_payload(make):
 def test_a_blow_up_is_seen_and_stays_alone(make, cause, tmp_path, monkeypatch):
     """Also of numbers that are finite, but huge; and no physics engine writes a file about it."""
     monkeypatch.chdir(tmp_path)
-    reference = make(5)
-    simulator = make(5)
-    q = np.tile(STANDING, (5, 1))
-    v = np.zeros((5, 18))
+    reference = make(3)
+    simulator = make(3)
+    q = np.tile(STANDING, (3, 1))
+    v = np.zeros((3, 18))
     reference.reset(q, v)
-    bad = 2
-    others = [0, 1, 3, 4]
+    bad = 1
+    others = [0, 2]
     if cause == "huge velocity":
         v[bad] = 1e11
     if cause == "nan start":
         q[bad, 8] = np.nan
     simulator.reset(q, v)
     ended = None
-    for tick in range(200):
+    for tick in range(100):
         expected = reference.state
         state = simulator.state
         for name in ("q", "v", "com", "feet", "contacts"):
@@ -258,12 +258,12 @@ def test_a_blow_up_is_seen_and_stays_alone(make, cause, tmp_path, monkeypatch):
         simulator.step(torque)
         if simulator.blown_up[bad] and ended is None:
             ended = tick, simulator.state.q[bad].copy()
-    assert simulator.blown_up.tolist() == [False, False, True, False, False]
+    assert simulator.blown_up.tolist() == [False, True, False]
     assert ended is not None
     assert ended[0] == (50 if "torque" in cause else 0)
     np.testing.assert_array_equal(simulator.state.q[bad], ended[1])
     assert list(tmp_path.iterdir()) == []
-    simulator.reset(np.tile(STANDING, (5, 1)), np.zeros((5, 18)), simulator.blown_up)
+    simulator.reset(np.tile(STANDING, (3, 1)), np.zeros((3, 18)), simulator.blown_up)
     assert not simulator.blown_up.any()
     assert np.isfinite(simulator.state.q).all()
 

@@ -20,6 +20,8 @@ class TestMujoco(SimulatorContract):
 
 @needs_pybullet
 class TestBullet(SimulatorContract):
+    ticks = 80
+
     def make_simulator(self, batch):
         return make_simulator(ROBOT, batch, SimulationConfig("bullet"))
 
@@ -47,6 +49,7 @@ def test_numbers_that_are_not_positive_are_named(values, message):
         check_positive("mass", np.array(values), 2)
 
 
+@pytest.mark.thorough
 class TestMujocoOnBumps(SimulatorContract):
     """What is promised of robots holds on ground of their own too."""
 

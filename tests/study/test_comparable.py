@@ -15,7 +15,8 @@ from surefoot.config import (
     PushConfig,
 )
 from surefoot.config.gait_table import GAITS
-from surefoot.runs.run import RunError, create, open_run
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import create, open_run
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.comparable import WhichPolicy, open_comparable_runs, rows_of
 from tests.fakes.comparisons import SMALL, run_of, ten_rollouts

@@ -17,19 +17,19 @@ from surefoot.config import (
     PushConfig,
 )
 from surefoot.config.array_io import load_arrays
-from surefoot.config.json_io import to_json
+from surefoot.config.json_io import read_record, to_json
 from surefoot.evaluation.push_limits import PushDifference
 from surefoot.evaluation.statistics import paired_difference
 from surefoot.methods.behavior_cloning import behavior_cloning
 from surefoot.methods.loco_safe_dagger import loco_safe_dagger
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.summary import Summary, join_summaries
-from surefoot.runs.accounting import collection_cost
+from surefoot.runs.collection_cost import collection_cost
 from surefoot.runs.run import create, open_run
 from surefoot.scenarios.starts import PACKAGED, load_starts
 from surefoot.study.comparable import label_of
 from surefoot.study.comparison import Measurements, compare
-from surefoot.study.records import Difference, Differences, read_comparison
+from surefoot.study.records import Comparison, Difference, Differences
 from surefoot.study.tables import comparison_tables
 from surefoot.workers import Workers
 from tests.cases import first_often
@@ -43,7 +43,7 @@ def test_every_row_is_measured_once_in_each_simulator(monkeypatch, runs, tmp_pat
     calls = pretend_measurements(monkeypatch)
     path = tmp_path / "methods.json"
     comparison = measure(runs, path)
-    assert read_comparison(path) == comparison
+    assert read_record(path, Comparison) == comparison
     assert len(calls) == len(set(calls)) == 2 * 2 * 3  # two measurements, simulators; three rows
     assert comparison.baseline == "BC"
     evaluations = [row.results["bullet"].evaluation for row in comparison.rows]
@@ -91,7 +91,7 @@ def test_an_interrupted_comparison_resumes_where_it_stopped(monkeypatch, runs, t
         measure(runs, path)
     assert path.exists() == (stop > 0)
     calls = pretend_measurements(monkeypatch)
-    assert measure(runs, path) == whole == read_comparison(path)
+    assert measure(runs, path) == whole == read_record(path, Comparison)
     assert len(calls) == 12 - stop
 
 
@@ -222,7 +222,7 @@ def test_initial_states_and_disturbance_can_be_chosen_and_are_not_mixed(
     message = "other config: evaluation.disturbance.delay is 3, not 0; name another file"
     with pytest.raises(ValueError, match=message):
         compare(runs, replace(measurements, disturbance=DisturbanceConfig()), Workers(1), path)
-    assert read_comparison(path) == comparison
+    assert read_record(path, Comparison) == comparison
 
 
 def test_a_file_that_did_not_keep_the_initial_states_is_refused(monkeypatch, runs, tmp_path):
@@ -277,7 +277,7 @@ def test_a_comparison_of_trained_runs(trained, tmp_path):
     assert comparison.rows[2].label == label_of(open_run(trained[1]))
     table_lines = [line for line in comparison_tables(comparison).splitlines() if line[:1] == "|"]
     assert len(table_lines) == 3 * 2 + 3 + 3 + 2  # three heads; rows, differences, costs
-    assert read_comparison(path) == comparison
+    assert read_record(path, Comparison) == comparison
     assert json.loads(path.read_text()) == to_json(comparison)
 
 

@@ -9,15 +9,10 @@ import pytest
 import surefoot.study.expert_survey as module
 from surefoot.bench.plan import StageTimes, Times
 from surefoot.config import Config
+from surefoot.config.json_io import read_record
 from surefoot.rollouts.outcome import Outcome
-from surefoot.study.expert_survey import (
-    PUSHES,
-    lost_by_all,
-    survey_expert,
-    survey_table,
-    variant_of,
-)
-from surefoot.study.records import Survey, SurveyCell, Survival, read_survey
+from surefoot.study.expert_cells import Survey, SurveyCell, Survival, survey_table
+from surefoot.study.expert_survey import PUSHES, lost_by_all, survey_expert, variant_of
 from surefoot.workers import Workers
 from tests.fakes.comparisons import Interrupted
 from tests.fakes.results import push_result, robustness
@@ -68,7 +63,7 @@ def test_every_variant_is_measured_on_equal_terms(monkeypatch, tmp_path):
     calls = pretend_measurements(monkeypatch)
     path = tmp_path / "survey.json"
     survey = survey_expert(CONFIG, None, 3, Workers(1), path)
-    assert read_survey(path) == survey
+    assert read_record(path, Survey) == survey
     assert len(survey.cells) == 8
     assert len(set(calls)) == 4 * 2 * 2  # four measurements, two simulators, two rules
     assert len(calls) == 32
@@ -99,7 +94,7 @@ def test_an_interrupted_survey_resumes_where_it_stopped(monkeypatch, tmp_path, s
     calls = pretend_measurements(monkeypatch)
     assert survey_expert(CONFIG, "mujoco", 3, Workers(1), path) == whole
     assert len(calls) == 16 - stop
-    assert read_survey(path) == whole
+    assert read_record(path, Survey) == whole
 
 
 def test_measurements_of_a_survey_are_logged(monkeypatch, caplog):

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from surefoot.config.json_io import read_record
 from surefoot.study.plot import comparison_figure
-from surefoot.study.records import Row, read_comparison
+from surefoot.study.records import Comparison, Row
 from tests.fakes.comparisons import Interrupted, measure, pretend_measurements
 
 
@@ -23,7 +24,7 @@ def test_the_plot_of_an_unfinished_comparison_shows_what_is_measured(monkeypatch
     pretend_measurements(monkeypatch, stop_after=3)
     with pytest.raises(Interrupted):
         measure(runs, path)
-    text = comparison_figure(read_comparison(path), tmp_path / "figure.svg").read_text()
+    text = comparison_figure(read_record(path, Comparison), tmp_path / "figure.svg").read_text()
     assert "MuJoCo" in text and "PyBullet" not in text
 
 

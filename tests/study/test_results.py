@@ -1,6 +1,8 @@
 """What a study keeps of a run is read back if it is what the study asks for."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import pytest
 
@@ -12,8 +14,9 @@ from surefoot.config.studies import named_study
 from surefoot.files import write_json
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.initial_states import keep_starts
+from surefoot.runs.layout import CONFIG_FILE
 from surefoot.runs.metrics import format_line
-from surefoot.runs.run import CONFIG_FILE
+from surefoot.runs.run import Run, open_run
 from surefoot.runs.setup import Setup
 from surefoot.scenarios.starts import load_starts, save_starts
 from surefoot.study.cells import cells_of, jobs_of, measured_options
@@ -27,6 +30,8 @@ from surefoot.study.folder import (
     results_folder,
     run_config,
     save_job,
+    save_policy,
+    save_run,
     save_setup,
     save_tests,
 )
@@ -66,6 +71,26 @@ def test_a_study_with_initial_states_of_its_own_is_read_back(study, tmp_path):
     assert result.config.start_set == str(results_folder(folder, cell).resolve() / "starts.npz")
     (tmp_path / "mine.npz").unlink()  # as on another machine
     assert read_cell(folder, setup, cell) == result
+
+
+def test_only_a_cell_with_a_policy_has_a_copy_of_the_initial_states(study, tmp_path):
+    folder, setup, cell = study
+    run = open_run(results_folder(folder, cell))
+    other = cells_of(setup.study)[2]
+    kept = results_folder(folder, other)
+    save_run(folder, other, run)
+    assert not (kept / "starts.npz").exists()
+    result = read_cell(folder, setup, cell)
+    assert result is not None
+    (run.folder / "starts.npz").rename(tmp_path / "starts.npz")
+    assert read_cell(folder, setup, cell) == result  # it is read without them
+    (tmp_path / "starts.npz").rename(run.folder / "starts.npz")
+    policy = tmp_path / "policy"
+    policy.write_bytes(b"the policy")
+    finished = SimpleNamespace(folder=run.folder, best_policy_path=policy)
+    save_policy(folder, other, cast(Run, finished))
+    assert (kept / "policy.safetensors").read_bytes() == b"the policy"
+    assert load_starts(str(kept / "starts.npz")).hash == load_starts("solo12-trot-v1").hash
 
 
 def test_results_are_read_whatever_the_preset_has_become_since(study, monkeypatch):

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import surefoot.study.robot_episodes as episodes
 import surefoot.study.robot_survey as module
 from surefoot.config import CommandBox, Config
 from surefoot.mpc.gaits import with_gait
@@ -24,8 +25,6 @@ from surefoot.study.robot_survey import (
     prepare_largest,
     survey_robots,
     tasks_of,
-    tracking_error,
-    used,
 )
 from surefoot.workers import Workers
 from tests.fakes.comparisons import Interrupted
@@ -56,7 +55,7 @@ def played(fake_walks, monkeypatch) -> list:
         rollouts = blank(B, T, v=v, starts=starts, torque=torque)
         return rollouts, SimpleNamespace(plans=np.full(B, 7), invalid_plans=np.zeros(B, int))
 
-    monkeypatch.setattr(module, "play_out", play_out)
+    monkeypatch.setattr(episodes, "play_out", play_out)
     monkeypatch.setattr(module, "prepare", partial(prepare, sizes=SMALL))
     monkeypatch.setattr(module, "cold_plans", lambda config, stored: [stored.robot])
     monkeypatch.setattr(module, "times_of", lambda timed: TIMES)
@@ -80,23 +79,6 @@ def test_the_box_goes_with_the_square_root_of_the_leg_length_and_the_yaw_rate_st
     assert box_named("go2", "stand") == STILL
 
 
-def test_shares_of_limits_are_told_apart_by_time():
-    share = np.zeros((2, T, 12))
-    share[0, 100, 3] = 0.9
-    share[0, 1200, 5] = 0.4
-    share[1, 1000:1250, 7] = 1.5
-    settled = slice(1000, T)
-    np.testing.assert_allclose(used(share, settled), [[0.4, 0.9, 0.0], [1.5, 1.5, 0.25]])
-
-
-def test_a_sway_of_whole_periods_is_no_error():
-    v = np.zeros((1, T, 18))
-    v[0, :, 0] = 0.2 + np.sin(2 * np.pi * np.arange(T) / 300)  # three periods of 300 fit in 1 s
-    v[0, :1000, 0] = 9.0
-    error = tracking_error(blank(1, T, v=v), 300)
-    np.testing.assert_allclose(error, [[0.2, 0.0, 0.0]], atol=1e-9)
-
-
 def test_a_cell_has_what_the_episodes_showed(played, tmp_path):
     (cell,) = survey(PLAN, tmp_path).cells
     walked = cell.walked
@@ -115,7 +97,7 @@ def test_a_cell_has_what_the_episodes_showed(played, tmp_path):
 
 
 def test_episodes_that_failed_count_for_the_success_only(played, monkeypatch, tmp_path):
-    play = module.play_out
+    play = episodes.play_out
 
     def fall(job):
         rollouts, expert = play(job)
@@ -123,7 +105,7 @@ def test_episodes_that_failed_count_for_the_success_only(played, monkeypatch, tm
         rollouts.v[0, :, 0] = 50.0
         return rollouts, expert
 
-    monkeypatch.setattr(module, "play_out", fall)
+    monkeypatch.setattr(episodes, "play_out", fall)
     (cell,) = survey(PLAN, tmp_path).cells
     assert cell.walked is not None and cell.walked.tracking is not None
     assert (cell.walked.robustness.successes, cell.walked.robustness.falls) == (3, 1)
@@ -131,14 +113,14 @@ def test_episodes_that_failed_count_for_the_success_only(played, monkeypatch, tm
 
 
 def test_without_any_success_there_is_no_tracking(played, monkeypatch, tmp_path):
-    play = module.play_out
+    play = episodes.play_out
 
     def fall(job):
         rollouts, expert = play(job)
         rollouts.outcome[:] = Outcome.FELL
         return rollouts, expert
 
-    monkeypatch.setattr(module, "play_out", fall)
+    monkeypatch.setattr(episodes, "play_out", fall)
     (cell,) = survey(PLAN, tmp_path).cells
     assert cell.walked is not None
     assert (cell.walked.tracking, cell.walked.torque, cell.walked.speed) == (None, None, None)

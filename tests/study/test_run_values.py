@@ -20,8 +20,8 @@ from surefoot.study.run_values import (
     iterations_collected,
     largest_rise,
     mean_impulse,
+    measured_robustness,
     paper_failures,
-    robustness_of,
     rollouts,
     runs_of,
     share_with_tail,
@@ -114,9 +114,9 @@ def test_an_iteration_that_could_afford_no_rollout_has_no_share_of_the_expert():
 
 def test_robustness_and_errors_are_those_of_a_policy():
     cell = cell_of(RUN)
-    assert successes(robustness_of(cell, "test", 0)) == (50, 100)
-    assert successes(robustness_of(cell, "test", -1)) == (90, 100)
-    assert tracking_error(robustness_of(cell, "test", -1), 2) == 3
+    assert successes(measured_robustness(cell, "test", 0)) == (50, 100)
+    assert successes(measured_robustness(cell, "test", -1)) == (90, 100)
+    assert tracking_error(measured_robustness(cell, "test", -1), 2) == 3
     assert early_error(cell, "test", 0) == pytest.approx(0.3)
 
 
@@ -145,7 +145,7 @@ def test_nothing_is_taken_of_a_run_that_is_not_finished():
     cell = cell_of(FakeRun(falls=(1, 2), finished=False))
     assert not is_trained(cell)
     assert iterations_collected(cell) == []
-    assert robustness_of(cell, "test", -1) is None
+    assert measured_robustness(cell, "test", -1) is None
     for value_of in (solves, solves_per_second, falls_per_minute, dataset_frames, rollouts):
         assert value_of(cell) is None
     assert expert_share(iterations_collected(cell)) is None

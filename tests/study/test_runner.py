@@ -293,6 +293,25 @@ def test_of_two_processes_that_begin_a_study_the_second_is_refused(tmp_path, mon
     assert read_study(tmp_path).study == STUDY
 
 
+@pytest.mark.parametrize(
+    "other", [{"preset": "paper"}, {"options": {"training.precision": "float32"}}]
+)
+def test_a_study_whose_report_would_be_refused_for_its_precisions_does_not_begin(
+    tmp_path, monkeypatch, other
+):
+    monkeypatch.setattr(runner, "checkout_root", lambda: None)
+    monkeypatch.setattr(runner, "measured_precision", lambda study: "bfloat16")
+    techniques = (STUDY.techniques[0], replace(STUDY.techniques[1], **other))
+    study = replace(STUDY, techniques=techniques)
+    told = r"mine would train in several precisions \(bfloat16: safe; float32: loco\)"
+    with pytest.raises(StudyError, match=told):
+        open_study(tmp_path, study)
+    with pytest.raises(StudyError, match="holds no study"):
+        read_study(tmp_path)
+    monkeypatch.setattr(runner, "measured_precision", lambda study: "float32")
+    assert open_study(tmp_path, study).precision == "float32"
+
+
 @pytest.mark.parametrize("part", ["techniques", "settings"])
 def test_a_seed_that_would_be_ignored_is_refused_before_any_work(part):
     study = named_study("smoke")

@@ -27,7 +27,7 @@ def test_the_number_of_workers_is_that_of_the_process_that_runs_the_study(tmp_pa
         assert process.stdout is not None
         assert process.stdout.readline() == "claimed\n"
         assert workers_of(tmp_path) == 3
-        (tmp_path / WORKERS_FILE).unlink()  # as an earlier version runs it
+        (tmp_path / WORKERS_FILE).unlink()  # as before the process has written it
         assert workers_of(tmp_path) is None
         process.kill()
 

@@ -11,12 +11,12 @@ import surefoot.study.work as work
 from surefoot.config import Config
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.studies import named_study
-from surefoot.config.study import Measurement, Setting
+from surefoot.config.study import Measurement, Setting, Technique
 from surefoot.evaluation.imitation import ImitationError
 from surefoot.study.cells import jobs_of, measured_options, measurements_of
-from surefoot.study.folder import PolicyTest
+from surefoot.study.folder import PolicyTest, save_setup
 
-ERROR = ImitationError("starts", "28d8", 60, 4800, 61.5, 210.0)
+ERROR = ImitationError("starts", "28d8", 60, 4800, 61.5, 210.0, None)
 
 
 def test_the_imitation_error_of_a_policy_is_kept_beside_its_hash(tmp_path, monkeypatch):
@@ -59,8 +59,8 @@ def test_the_same_expert_has_the_same_results_in_another_setting(tmp_path):
         measured = folder.Tests(name, (PolicyTest(0, None, None),), True, asked)
         folder.save_tests(tmp_path, first.cell, measured)
         assert folder.read_tests(tmp_path, study, second.cell, name) is None
-    setup = folder.StudySetup(study, None, "1.0", "float32")
-    work.measure_cell(tmp_path, setup, second, work.Slice(60.0))
+    save_setup(tmp_path, folder.StudySetup(study, None, "1.0", "float32"))
+    assert work.do_job(tmp_path, second.name)
     for name in measurements_of(study, first.cell):
         measured = folder.read_tests(tmp_path, study, first.cell, name)
         copied = folder.read_tests(tmp_path, study, second.cell, name)
@@ -96,6 +96,43 @@ def test_time_in_which_a_job_does_not_compute_is_no_work():
     piece = work.Slice(2400.0)
     time.sleep(0.2)
     assert piece.spent < 0.1
+
+
+def test_only_jobs_that_train_record_a_precision(tmp_path):
+    techniques = (
+        Technique("expert", "expert", "expert"),
+        Technique("clone", "BC", "behavior_cloning", trainings=2),
+        Technique("safe", "LocoSafeDAGGER", "loco_safe_dagger"),
+        Technique("loco", "LocoDAGGER", "loco_dagger"),
+    )
+    study = replace(named_study("smoke"), techniques=techniques, comparisons=(), seeds=(0,))
+    setup = folder.StudySetup(study, None, "0", "bfloat16")
+    records = [work.job_record(tmp_path, setup, job, work.Slice(1.0), True) for job in setup.jobs]
+    assert {record.job: record.precision for record in records} == {
+        "measure--expert": "",
+        "data--clone--seed-0": "",
+        "train--clone--seed-0": "bfloat16",
+        "measure--clone--seed-0": "",
+        "train--clone--seed-0-training-1": "bfloat16",
+        "measure--clone--seed-0-training-1": "",
+        "policy--safe--seed-0": "bfloat16",
+        "train--safe--seed-0": "bfloat16",
+        "measure--safe--seed-0": "",
+        "train--loco--seed-0": "bfloat16",
+        "measure--loco--seed-0": "",
+    }
+
+
+def test_a_measurement_in_pybullet_records_its_version(tmp_path):
+    measurements = (
+        Measurement("test", "test"),
+        Measurement("other", "other", options={"simulation.backend": "bullet"}),
+    )
+    study = replace(named_study("smoke"), measurements=measurements, comparisons=())
+    setup = folder.StudySetup(study, None, "0", "float32")
+    for job in setup.jobs:
+        record = work.job_record(tmp_path, setup, job, work.Slice(1.0), True)
+        assert ("pybullet" in record.versions) == (job.kind == "measure")
 
 
 def test_an_error_before_the_first_stage_is_done_is_the_one_that_is_told(tmp_path, monkeypatch):

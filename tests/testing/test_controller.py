@@ -44,7 +44,7 @@ class TestExpertOnTheToysPlan(TestSprings):
 class TestPolicy(TestSprings):
     def make_controller(self):
         config = PolicyConfig(hidden=(32, 32))
-        return Policy(PolicyNetwork(config, seed=1), spec_of(config), np.zeros((2, 3)))
+        return Policy(PolicyNetwork(config, seed=1), spec_of(config), np.zeros((2, 3)), "solo12")
 
 
 class Constant(Springs):

@@ -16,7 +16,7 @@ from surefoot.viz.browser_panels import (
     margins_html,
     status_html,
 )
-from surefoot.viz.film import EXPERT_COLOR, POLICY_COLOR
+from surefoot.viz.colors import EXPERT_COLOR, POLICY_COLOR
 from surefoot.viz.snapshot import Margin, Snapshot
 
 STATE = State(np.zeros(19), np.zeros(18), np.zeros(3), np.zeros((4, 3)), np.zeros(4, dtype=bool))

@@ -17,15 +17,13 @@ from surefoot.robots.model import standing
 from surefoot.robots.solo12 import solo12
 from surefoot.sim.terrain import Ground
 from surefoot.types import Command
+from surefoot.viz.colors import EXPERT_COLOR, INK, POLICY_COLOR
 from surefoot.viz.film import (
-    EXPERT_COLOR,
-    INK,
-    POLICY_COLOR,
     UNKNOWN_COLOR,
     Recording,
+    command_in_words,
     contact_sheet,
     film,
-    in_words,
 )
 from surefoot.viz.renderer import RenderingUnavailable
 
@@ -45,9 +43,9 @@ def recording_of(q: np.ndarray, expert_drove=None, pushes=()) -> Recording:
 
 
 def test_a_title_has_all_of_a_command_that_is_not_zero():
-    assert in_words(Command(0.0, 0.0, 0.0)) == "vx 0.00 m/s"
-    assert in_words(Command(0.3, 0.0, -0.5)) == "vx 0.30 m/s, yaw rate -0.50 rad/s"
-    assert in_words(Command(0.3, 0.1, 0.0)) == "vx 0.30 m/s, vy 0.10 m/s"
+    assert command_in_words(Command(0.0, 0.0, 0.0)) == "vx 0.00 m/s"
+    assert command_in_words(Command(0.3, 0.0, -0.5)) == "vx 0.30 m/s, yaw rate -0.50 rad/s"
+    assert command_in_words(Command(0.3, 0.1, 0.0)) == "vx 0.30 m/s, vy 0.10 m/s"
 
 
 def skip_without_opengl(function, *args, **options):

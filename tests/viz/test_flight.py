@@ -29,7 +29,7 @@ def flight_of(base: BaseEstimate | None, ticks: int = 1001, broken: int = 0) -> 
         if tick >= ticks - broken:
             sensors = sensors._replace(joint_position=np.full(12, np.nan))
         drove = tick % 2 == 0
-        recorder.add(TickRecord(tick, 0, 2, drove, Command(), tick, 0.0, 0.0), sensors, None)
+        recorder.add(TickRecord(tick, 0, 2, drove, Command(), tick, 0.0, 0.0, 0), sensors, None)
     return recorder.flight("tilt", "too far")
 
 

@@ -8,8 +8,8 @@ import pytest
 from surefoot.bench.engine import standing_policy
 from surefoot.config import CommandBox, Config, RobotConfig
 from surefoot.config.checked import known
+from surefoot.config.expert_rules import ALL_ROUND_RULES
 from surefoot.config.json_io import to_json
-from surefoot.config.presets import ALL_ROUND
 from surefoot.config.robot_table import GO2, SOLO12
 from surefoot.config.single_gaits import each_gait
 from surefoot.files import write_json
@@ -31,7 +31,7 @@ def test_a_run_is_driven_by_its_policy_within_the_range_of_its_training(queried_
     assert setup.policy is not None
     np.testing.assert_array_equal([low, high], setup.policy.command_range)
     assert start(setup).drivers == ("policy", "expert", "guarded policy")
-    assert (setup.gait, setup.note) == ("trot", "")
+    assert (setup.gait, setup.notes) == ("trot", ())
 
 
 def test_a_policy_file_is_driven_as_its_run_is(queried_run):
@@ -59,8 +59,8 @@ def test_an_expert_drives_both_ways():
 def test_a_trot_that_turns_has_the_rules_of_a_whole_box():
     """Solo12's first rules, for straight ahead, let it drift outward in a turn."""
     expert = expert_setup(Config(), "solo12", "trot").config.expert
-    assert expert.turn_compensation == ALL_ROUND.turn_compensation
-    assert expert.capture_share == ALL_ROUND.capture_share
+    assert expert.turn_compensation == ALL_ROUND_RULES["turn_compensation"]
+    assert expert.capture_share == ALL_ROUND_RULES["capture_share"]
 
 
 @pytest.fixture
@@ -128,7 +128,7 @@ def test_a_policy_of_several_gaits_drives_in_each_of_them(tmp_path, unmeasured):
     setup = find_setup(path, gait="bound")
     assert setup.policy is not None
     assert (setup.gaits, setup.gait) == (("trot", "bound"), "bound")
-    assert "first of them" not in setup.note
+    assert setup.notes == ()
     simulation = start(setup)
     assert simulation.snapshot().gait == 1
     simulation.step(20)
@@ -146,22 +146,26 @@ def test_a_larger_robot_may_walk_faster(unmeasured):
     assert large.config.safety.com_height != small.config.safety.com_height
 
 
-def test_gains_that_cannot_be_measured_are_said(monkeypatch):
+BUMPS = replace(Config().simulation, terrain="bumps:0.03")
+LEVEL = "The ground is level here: simulation.terrain, bumps:0.03, is that of episodes only."
+
+
+def test_each_note_is_a_sentence_that_is_said_once(monkeypatch):
     def refuse(config):
-        raise ValueError("it fell")
+        raise ValueError(f"it fell in {config.gait.period:g} s")
 
     live_setup._measured_with.cache_clear()
     monkeypatch.setattr(live_setup, "with_measured_gain", refuse)
-    note = expert_setup(Config(), "solo12", "walk").note
-    assert note == "the command gains could not be measured and are 1: it fell"
+    walk = expert_setup(Config(simulation=BUMPS), "solo12", "walk")
+    unmeasured = "The command gains could not be measured and are 1: it fell in"
+    assert walk.notes == (f"{unmeasured} 1 s.", LEVEL)
+    bound = with_choice(walk, walk, "solo12", "bound")
+    assert bound.notes == (f"{unmeasured} 1 s.", LEVEL, f"{unmeasured} 0.3 s.")
 
 
 def test_a_terrain_of_the_configuration_is_said_not_to_be_there(unmeasured):
-    simulation = replace(Config().simulation, terrain="bumps:0.03")
-    note = expert_setup(Config(simulation=simulation), "solo12", "walk").note
-    assert "level" in note
-    assert "bumps:0.03" in note
-    assert expert_setup(Config(), "solo12", "walk").note == ""
+    assert expert_setup(Config(simulation=BUMPS), "solo12", "walk").notes == (LEVEL,)
+    assert expert_setup(Config(), "solo12", "walk").notes == ()
 
 
 def test_the_expert_walks_live_as_it_does_in_a_rollout_to_the_same_bits():

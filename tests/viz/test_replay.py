@@ -21,7 +21,8 @@ from surefoot.learning.frames import PART, whole_episode
 from surefoot.rollouts.jobs import disturbance_of, play_out, summarize_job
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries
-from surefoot.runs.run import Run, RunError, create, open_run
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.stages import collect_data
 from surefoot.types import MotionPlan
 from surefoot.viz.replay import recorded_episode, report_episode

@@ -18,7 +18,7 @@ import numpy as np
 from surefoot.bench.engine import bare_rate, standing_policy
 from surefoot.bench.plan import cold_plans, times_of
 from surefoot.bench.train import bench_train
-from surefoot.config import Config, method_name
+from surefoot.config import Config
 from surefoot.learning.policy import save
 from surefoot.methods import METHODS
 from surefoot.rollouts.arbiters import PolicyOnly
@@ -174,7 +174,7 @@ def bench_end_to_end(config: Config, workers: Workers, folder: Path | None = Non
     )
     with tempfile.TemporaryDirectory() as temporary:
         run = create(folder or Path(temporary) / "run", config)
-        name = method_name(config)
+        name = config.method.name
         began = time.perf_counter()
         METHODS[name].train(run, workers, None)
         seconds = time.perf_counter() - began

@@ -10,11 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, is_dataclass
+from functools import cache
 from itertools import takewhile
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import tyro
+
+from surefoot.config.checked import annotations_of
 
 ANY_NUMBER = 1_000_000
 """The number of values of an option that takes as many as there are."""
@@ -26,13 +29,14 @@ class Arguments:
 
     Attributes:
         positional: Arguments that are neither options nor values of options.
-        values: First value of each option that has one, by the option's name.
+        values: Values of each option that has any, by the option's name; as for tyro, an option
+            that is given again has the later ones.
         unknown: Options that the command does not have.
         options: All options with their values.
     """
 
     positional: tuple[str, ...]
-    values: dict[str, str]
+    values: dict[str, list[str]]
     unknown: tuple[str, ...]
     options: tuple[str, ...]
 
@@ -49,9 +53,10 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
     """
     sizes = {"-h": 0, "--help": 0} | option_sizes(command)
     asks_for_help = not {"-h", "--help"}.isdisjoint(args)
-    optional = options_that_may_be_none(command)
+    # "None" is then the only word of the option's value.
+    optional = {name for name, _, may_be_none in _options(command) if may_be_none}
     positional: list[str] = []
-    values: dict[str, str] = {}
+    values: dict[str, list[str]] = {}
     unknown: list[str] = []
     options: list[str] = []
     position = 0
@@ -67,21 +72,21 @@ def sort_arguments(args: Sequence[str], command: type) -> Arguments:
         if name not in sizes:
             unknown.append(name)
         if equals:
-            values[name] = value
+            values[name] = [value]
             continue
         # An option that does not exist is refused later; most options take one value.
         size = sizes.get(name, 1)
         if name in optional and args[position : position + 1] == ["None"]:
             size = 1
         after = args[position : position + size]
-        given = list(takewhile(lambda word: not word.startswith("--"), after))
+        given = list(takewhile(lambda word: not word.startswith("--") and word != "-h", after))
         if 1 < size < ANY_NUMBER and len(given) < size and not asks_for_help:
             raise ValueError(
                 f"{name} takes {size} values, such as {name} {' '.join('0' * (size - 1))} 0.3; "
                 f"this has {len(given)}: {' '.join([argument, *given])}"
             )
         if given:
-            values[name] = given[0]
+            values[name] = given
         options += given
         position += len(given)
     return Arguments(tuple(positional), values, tuple(unknown), tuple(options))
@@ -106,15 +111,6 @@ def option_sizes(command: type) -> dict[str, int]:
     return sizes
 
 
-def options_that_may_be_none(command: type) -> set[str]:
-    """The options of a command whose value may be None, which is then the only word of it.
-
-    Args:
-        command: Dataclass whose fields are options.
-    """
-    return {name for name, _, may_be_none in _options(command) if may_be_none}
-
-
 def option_choices(command: type) -> dict[str, tuple[str, ...]]:
     """The values of each option that takes one of a few words, by the option's name.
 
@@ -131,7 +127,7 @@ def positional_choices(command: type) -> tuple[str, ...]:
     Args:
         command: Dataclass of the command.
     """
-    hints = get_type_hints(command, include_extras=True)
+    hints = annotations_of(command)
     positional = [
         hints[field.name] for field in fields(command) if _is_positional(hints[field.name])
     ]
@@ -140,17 +136,27 @@ def positional_choices(command: type) -> tuple[str, ...]:
     )
 
 
-def _options(command: type, prefix: str = "") -> Iterator[tuple[str, Any, bool]]:
+@cache
+def _options(command: type) -> tuple[tuple[str, Any, bool], ...]:
     """The name and the type of each option, and whether it may be None.
+
+    Args:
+        command: Dataclass whose fields are options.
+    """
+    return tuple(_options_of_group(command, ""))
+
+
+def _options_of_group(group: type, prefix: str) -> Iterator[tuple[str, Any, bool]]:
+    """The options of a command, or of a group of its options.
 
     An option comes once for each type that its value may have.
 
     Args:
-        command: Dataclass whose fields are options.
-        prefix: Dotted name of the group, with a dot at the end.
+        group: Dataclass whose fields are options.
+        prefix: Dotted name of the group, with a dot at the end; empty for the command.
     """
-    hints = get_type_hints(command, include_extras=True)
-    for field in fields(command):
+    hints = annotations_of(group)
+    for field in fields(group):
         hint = hints[field.name]
         if _is_positional(hint):
             continue
@@ -162,7 +168,7 @@ def _options(command: type, prefix: str = "") -> Iterator[tuple[str, Any, bool]]
             if not (isinstance(kind, type) and is_dataclass(kind)):
                 yield f"--{prefix}{name}", kind, may_be_none
             elif not may_be_none:
-                yield from _options(kind, f"{prefix}{name}.")
+                yield from _options_of_group(kind, f"{prefix}{name}.")
 
 
 def _is_positional(hint: Any) -> bool:

@@ -42,11 +42,11 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
     (end_to_end) of `surefoot.bench`; `floor_` marks a lower bound.
 
     JSON keys of expert: `cells`, one object for each simulator, horizon and set of rules, and
-    `lost_by_all`, the initial states that all of them lose (`surefoot.study.records.Survey`).
+    `lost_by_all`, the initial states that all of them lose (`surefoot.study.expert_cells.Survey`).
     """
 
     what: Annotated[
-        Literal["all", "plan", "engine", "train", "loop", "evaluation", "end_to_end", "expert"],
+        Literal["all", Measure, "expert"],
         tyro.conf.Positional,
         tyro.conf.arg(metavar="[WHAT]"),
     ] = "all"
@@ -65,13 +65,20 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
 
     def __call__(self) -> int:
         """Measure and print."""
-        from tqdm import tqdm
-
-        from surefoot.config.presets import preset
-        from surefoot.runs.versions import versions
-        from surefoot.scenarios.prepare import completed
-
         check_outputs(self, [Output("--json", self.json)])
+        self.check_options()
+        if self.what == "expert":
+            self.survey()
+        else:
+            self.measure()
+        return 0
+
+    def check_options(self) -> None:
+        """Check that the options are for what is measured.
+
+        Raises:
+            ValueError: One of them is not.
+        """
         if self.what == "end_to_end" and self.config != Config():
             raise ValueError(
                 "--config does not change end_to_end, which trains the preset of loco_safe_dagger "
@@ -81,17 +88,28 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
             raise ValueError(f"--preset is for end_to_end, not for {self.what}; leave it out")
         if self.episodes != Bench.episodes and self.what != "expert":
             raise ValueError(f"--episodes is for expert, not for {self.what}; leave it out")
-        if self.what == "expert":
-            if self.robot is not None:
-                raise ValueError(
-                    "bench expert measures Solo12's expert: leave --robot out; `surefoot survey` "
-                    "measures those of other robots"
-                )
-            from surefoot.study.expert_survey import survey_expert, survey_table
+        if self.what == "expert" and self.robot is not None:
+            raise ValueError(
+                "bench expert measures Solo12's expert: leave --robot out; `surefoot survey` "
+                "measures those of other robots"
+            )
 
-            survey = survey_expert(self.config, self.sim, self.episodes, self.spread, self.json)
-            print(survey_table(survey))
-            return 0
+    def survey(self) -> None:
+        """Measure what the expert survives, and print it."""
+        from surefoot.study.expert_cells import survey_table
+        from surefoot.study.expert_survey import survey_expert
+
+        survey = survey_expert(self.config, self.sim, self.episodes, self.spread, self.json)
+        print(survey_table(survey))
+
+    def measure(self) -> None:
+        """Measure the speeds that were asked for, and print each as soon as it is there."""
+        from tqdm import tqdm
+
+        from surefoot.config.presets import preset
+        from surefoot.runs.versions import versions
+        from surefoot.scenarios.prepare import completed
+
         records: dict[Measure, Speed] = {}
         names = [name for name in get_args(Measure) if self.what in ("all", name)]
         run = self.config
@@ -108,7 +126,6 @@ class Bench(OnWorkers, OnRobot, OnSimulator):
                     used = versions(self.simulated(self.config).simulation.backend)
                     write_json(self.json, {"versions": used, **records})
                 tqdm.write(speed_table(name, records[name]))
-        return 0
 
 
 def measure_speed(name: Measure, config: Config, workers: Workers) -> Speed:

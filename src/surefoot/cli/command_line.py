@@ -9,11 +9,12 @@ from __future__ import annotations
 import ast
 import shutil
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
+from functools import cache
 from inspect import cleandoc, getsource
 from itertools import pairwise
-from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import tyro
 from tyro.constructors import (
@@ -24,6 +25,7 @@ from tyro.constructors import (
 )
 
 from surefoot.cli.arguments import sort_arguments
+from surefoot.config.checked import annotations_of
 
 CommandKind = TypeVar("CommandKind")
 
@@ -81,7 +83,8 @@ def filled(text: str, width: int) -> str:
     )
 
 
-def field_docstrings(kind: type) -> dict[str, str]:
+@cache
+def field_docstrings(kind: type) -> Mapping[str, str]:
     """The docstring of each field of a dataclass on one line, those of its bases included.
 
     Args:
@@ -110,7 +113,7 @@ def _dataclass_rule(info: StructTypeInfo) -> StructConstructorSpec | None:
     kind = info.type
     if not (isinstance(kind, type) and is_dataclass(kind)):
         return None
-    hints = get_type_hints(kind, include_extras=True)
+    hints = annotations_of(kind)
     docs = field_docstrings(kind)
     return StructConstructorSpec(
         instantiate=kind,

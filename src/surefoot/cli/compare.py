@@ -15,11 +15,9 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.evaluate import own_disturbance
-from surefoot.cli.options import OnHardware, OnSimulator, OnWorkers
+from surefoot.cli.options import OnHardware, OnPushes, OnSimulator, OnWorkers
 from surefoot.cli.outputs import Output, check_outputs
-from surefoot.cli.push_options import OnPushes
 from surefoot.config import Backend, DisturbanceConfig, SimulationConfig
-from surefoot.files import write_atomic
 
 
 @dataclass(frozen=True)
@@ -73,8 +71,9 @@ class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
         from surefoot.robots.load import load_robot
         from surefoot.sim import make_simulator
         from surefoot.study.comparison import Measurements, compare
+        from surefoot.study.markdown_text import page_with, write_page
         from surefoot.study.plot import comparison_figure
-        from surefoot.study.tables import comparison_tables, page_with
+        from surefoot.study.tables import comparison_tables
         from surefoot.viz.plots import PLOT_SUFFIXES
 
         # What would fail hours later fails before any work.
@@ -86,7 +85,7 @@ class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
         check_outputs(self, outputs)
         if self.out is not None:
             page_with("", self.out)
-        self.check_pushed(self.pushes)
+        self.check_pushed(self.pushes, "leave --no-pushes out")
         simulators = get_args(Backend) if self.sim is None else (self.sim,)
         for simulator in simulators:
             try:
@@ -116,7 +115,7 @@ class Compare(OnPushes, OnWorkers, OnHardware, OnSimulator):
         text = comparison_tables(comparison)
         # Written first: what cannot be printed is not lost.
         if self.out is not None:
-            write_atomic(self.out, page_with(text, self.out).encode())
+            write_page(text, self.out)
         if self.figure is not None:
             comparison_figure(comparison, self.figure)
         print(text)

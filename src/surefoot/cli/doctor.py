@@ -11,9 +11,9 @@ import platform
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -26,7 +26,7 @@ from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Backend, Config, PolicyConfig, SimulationConfig
 from surefoot.errors import unknown
 from surefoot.files import write_json
-from surefoot.runs.versions import PACKAGES
+from surefoot.runs.versions import PACKAGES, installed
 
 TIMEOUT = 900.0
 """[s] for one check; the first plan on a machine compiles, for a minute on a slow one."""
@@ -105,6 +105,10 @@ class PartReport:
     fix: str = ""
 
 
+MARKS = {"works": "ok", "fails": "FAIL", "absent": "none"}
+"""The word before the line of a part, by its state."""
+
+
 @dataclass(frozen=True)
 class DoctorReport:
     """What a machine has of what the package needs.
@@ -153,14 +157,21 @@ def check_plan() -> str:
     return f"{robot.name}, {robot.mass:.3f} kg; a plan with residual {residual:.1e}"
 
 
-def check_mujoco() -> str:
-    """Step MuJoCo."""
-    return _step_simulator("mujoco")
+def check_simulator(backend: Backend) -> str:
+    """Step two robots ten times.
 
+    Args:
+        backend: The simulator.
+    """
+    from surefoot.robots.load import load_robot
+    from surefoot.sim import make_simulator
 
-def check_bullet() -> str:
-    """Step PyBullet."""
-    return _step_simulator("bullet")
+    simulator = make_simulator(load_robot(), 2, SimulationConfig(backend))
+    for _ in range(10):
+        simulator.step(np.zeros((2, 12)))
+    if not np.isfinite(simulator.state.q).all():
+        raise RuntimeError("the state is not finite")
+    return "10 ticks of two robots"
 
 
 def check_training() -> str:
@@ -184,19 +195,6 @@ def check_rendering() -> str:
     return "MP4 through EGL"
 
 
-def _step_simulator(backend: Backend) -> str:
-    """Step two robots ten times."""
-    from surefoot.robots.load import load_robot
-    from surefoot.sim import make_simulator
-
-    simulator = make_simulator(load_robot(), 2, SimulationConfig(backend))
-    for _ in range(10):
-        simulator.step(np.zeros((2, 12)))
-    if not np.isfinite(simulator.state.q).all():
-        raise RuntimeError("the state is not finite")
-    return "10 ticks of two robots"
-
-
 CACHE = Check(
     "cache",
     check_cache,
@@ -213,12 +211,12 @@ CHECKS = (
     ),
     Check(
         "mujoco",
-        check_mujoco,
+        partial(check_simulator, "mujoco"),
         "reinstall MuJoCo: pip install -c constraints.txt --force-reinstall mujoco",
     ),
     Check(
         "bullet",
-        check_bullet,
+        partial(check_simulator, "bullet"),
         "the paper's simulator is optional, and has wheels up to Python 3.11 only: "
         "there, pip install 'surefoot[pybullet]'",
         essential=False,
@@ -289,7 +287,7 @@ def examine_machine(backend: Backend = "mujoco") -> DoctorReport:
     python = platform.python_version()
     system = platform.platform()
     print(f"Python {python} on {system}")
-    packages = {package: _version(package) for package in PACKAGES}
+    packages = {package: installed(package) for package in PACKAGES}
     for package, number in packages.items():
         print(f"  {package:<10} {number or f'missing: pip install {package}'}")
     print("extras:")
@@ -316,31 +314,30 @@ def check_parts(backend: Backend, known: Sequence[Extra]) -> list[PartReport]:
     parts = []
     with tqdm(CHECKS, "check", leave=False, unit="part") as bar:
         for check in bar:
-            if check.extra in lacking and check.name != backend:
-                parts.append(PartReport(check.name, "absent", lacking[check.extra]))
-                tqdm.write(f"none  {check.name:<9} {lacking[check.extra]}")
-                continue
             bar.set_postfix_str(f"{check.name}; the first plan on a machine compiles, a minute")
-            finding = run_check(check)
-            if finding.works:
-                parts.append(PartReport(check.name, "works", finding.line))
-                tqdm.write(f"ok    {check.name:<9} {finding.line}")
-                continue
-            fix = remedy_of(check, finding)
-            parts.append(PartReport(check.name, "fails", finding.line, fix))
-            tqdm.write(f"FAIL  {check.name:<9} {finding.line}")
-            tqdm.write(f"      fix: {fix}")
-            if check == CACHE:
+            part = examine(check, {} if check.name == backend else lacking)
+            parts.append(part)
+            tqdm.write(f"{MARKS[part.state]:<6}{part.name:<9} {part.line}")
+            if part.fix:
+                tqdm.write(f"      fix: {part.fix}")
+            if check == CACHE and part.state == "fails":
                 break
     return parts
 
 
-def _version(package: str) -> str | None:
-    """The version of a package; None if it is not installed."""
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
+def examine(check: Check, lacking: Mapping[str, str]) -> PartReport:
+    """Run a check, unless the extra that it checks is not installed.
+
+    Args:
+        check: One of `CHECKS`.
+        lacking: The extras that are not installed, each with the reason in words.
+    """
+    if check.extra in lacking:
+        return PartReport(check.name, "absent", lacking[check.extra])
+    finding = run_check(check)
+    if finding.works:
+        return PartReport(check.name, "works", finding.line)
+    return PartReport(check.name, "fails", finding.line, remedy_of(check, finding))
 
 
 def main(name: str) -> None:

@@ -17,14 +17,8 @@ import tyro
 from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.evaluation_text import print_controller, print_differences, print_switching
-from surefoot.cli.options import (
-    OnHardware,
-    OnSimulator,
-    OnTerrain,
-    OnWorkers,
-)
+from surefoot.cli.options import OnHardware, OnPushes, OnSimulator, OnTerrain, OnWorkers
 from surefoot.cli.outputs import Output, check_outputs
-from surefoot.cli.push_options import OnPushes
 from surefoot.config import Config, DisturbanceConfig
 from surefoot.config.json_io import changes
 from surefoot.files import WriteError, write_json
@@ -95,14 +89,15 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
     def __call__(self) -> int:
         """Evaluate, write the report where asked, and print each result as soon as it is there."""
         from surefoot.evaluation.report import check_disturbances
-        from surefoot.runs.checks import warn_of_own_expert
-        from surefoot.runs.policies import find_policy, prepared_for
+        from surefoot.runs.own_expert import warn_of_own_expert
+        from surefoot.runs.policies import find_policy
         from surefoot.runs.run import run_of_policy
         from surefoot.scenarios.gaits import all_starts_of
+        from surefoot.scenarios.prepare import completed
 
         # What would fail after minutes fails before any work.
         check_outputs(self, [Output("--json", self.json)])
-        self.check_pushed(self.pushes)
+        self.check_pushed(self.pushes, "add --pushes")
         if self.starts is not None:
             load_starts(self.starts)
         policy, trained_on = find_policy(self.target)
@@ -117,7 +112,7 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
         given = self.starts or trained_on.start_set
         if run is None and (self.expert or given is None):
             # Before the options, so that every simulator and ground has the same initial states.
-            trained_on = prepared_for(policy, replace(trained_on, start_set=given))
+            trained_on = completed(replace(trained_on, start_set=given))
         config = self.as_asked(trained_on)
         all_starts_of(config)
         if self.expert and run is not None:
@@ -309,7 +304,8 @@ def own_disturbance(target: Path) -> DisturbanceConfig:
     Args:
         target: Folder of a run, or a policy file; what is neither is refused later.
     """
-    from surefoot.runs.run import CONFIG_FILE, open_run, run_of_policy
+    from surefoot.runs.layout import CONFIG_FILE
+    from surefoot.runs.run import open_run, run_of_policy
 
     if (target / CONFIG_FILE).exists():
         return open_run(target).config.evaluation.disturbance

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,12 +15,33 @@ from surefoot.cli.outputs import Output, check_outputs
 from surefoot.files import write_json
 
 if TYPE_CHECKING:
+    from surefoot.config import Config
     from surefoot.deploy.description import PolicyDescription
     from surefoot.interop.cards import PolicyUse
+    from surefoot.interop.onnx.file import OnnxModel
     from surefoot.learning.policy import Policy
     from surefoot.runs.run import Run
 
 SUFFIX = ".onnx"
+
+
+@dataclass(frozen=True)
+class Graph:
+    """A graph that is ready to be written.
+
+    Attributes:
+        file: The file to write.
+        title: What the graph computes, in words.
+        description: What the file says of the policy.
+        model: The graph.
+        keys: Further metadata of the file.
+    """
+
+    file: Path
+    title: str
+    description: PolicyDescription
+    model: OnnxModel
+    keys: Mapping[str, str]
 
 
 @dataclass(frozen=True)
@@ -84,18 +106,45 @@ class Export(OnHardware):
 
     def __call__(self) -> int:
         """Write the files."""
-        from surefoot.config.presets import STRAIGHT_TROT
-        from surefoot.interop.cards import card_path, write_policy_card
-        from surefoot.interop.onnx.file import describe, network_model, write_onnx
-        from surefoot.interop.onnx.pipeline import exploy_keys, pipeline_model
+        from surefoot.config.expert_rules import STRAIGHT_TROT
+        from surefoot.interop.cards import write_policy_card
+        from surefoot.interop.onnx.file import write_onnx
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
-        from surefoot.robots.scaling import with_own_values
-        from surefoot.robots.several_gaits import for_each_gait
-        from surefoot.runs.policies import find_policy, safety_bounds
+        from surefoot.runs.policies import find_policy
         from surefoot.runs.run import run_of_policy
-        from surefoot.scenarios.gaits import all_starts_of
-        from surefoot.scenarios.starts import StartSet, load_starts
+
+        self.check_files()
+        path, config = find_policy(self.target)
+        config = self.with_profile(config)
+        policy = load(path, load_robot(config.robot).name)
+        run = run_of_policy(path)
+        description = self.described(policy, path, config, run)
+        exported = []
+        for graph in self.graphs(policy, description):
+            written = write_onnx(graph.model, graph.description, graph.file, graph.keys)
+            use = use_of(graph.file, written, policy, self.target, run)
+            write_policy_card(policy, graph.file, use)
+            exported.append(ExportedFile(graph.file, written.kind, written.sha256))
+            print(f"{graph.file}: {graph.title}, SHA-256 {written.sha256}")
+        starts = None if description.start_range is None else description.start_range.starts
+        if self.json is not None:
+            write_json(self.json, ExportReport(path, starts, tuple(exported)))
+        if starts is None:
+            print(
+                "the initial states that it was trained from are unknown, so that a runtime cannot "
+                "tell from which postures it may begin; name them with --starts, such as "
+                f"{STRAIGHT_TROT} for Solo12's trot"
+            )
+        return 0
+
+    def check_files(self) -> None:
+        """Check that there is something to write, and that it can be written.
+
+        Raises:
+            ValueError: There is nothing, or it cannot.
+        """
+        from surefoot.interop.cards import card_path
 
         if self.onnx is None and self.pipeline is None:
             raise ValueError("nothing to write; name a file with --onnx or with --pipeline")
@@ -103,45 +152,63 @@ class Export(OnHardware):
         outputs = [Output(name, path, (SUFFIX,)) for name, path in files]
         outputs += [Output(f"{name} (its card)", card_path(path)) for name, path in files]
         check_outputs(self, [*outputs, Output("--json", self.json)])
-        path, config = find_policy(self.target)
-        config = self.with_profile(config)
-        robot = load_robot(config.robot)
-        policy = load(path, robot.name)
-        run = run_of_policy(path)
+
+    def described(
+        self, policy: Policy, path: Path, config: Config, run: Run | None
+    ) -> PolicyDescription:
+        """What the files say of the policy.
+
+        Args:
+            policy: The policy.
+            path: Its file.
+            config: The configuration that it was trained with, and the hardware profile.
+            run: The run that it lies in; None outside of any.
+
+        Raises:
+            ValueError: The policy, or a set of initial states, belongs to another robot or gait.
+        """
+        from surefoot.interop.onnx.file import describe
+        from surefoot.robots.load import load_robot
+        from surefoot.robots.scaling import with_own_values
+        from surefoot.robots.several_gaits import for_each_gait
+        from surefoot.runs.policies import safety_bounds
+        from surefoot.scenarios.gaits import all_starts_of
+        from surefoot.scenarios.starts import StartSet, load_starts
+
         stored: tuple[StartSet, ...] = tuple(map(load_starts, self.starts))
         if run is not None and not stored:
             stored = all_starts_of(config).sets
-        description = describe(policy, path, robot, config, stored)
+        description = describe(policy, path, load_robot(config.robot), config, stored)
         # Policy files of older versions do not hold their bounds, the package's own included.
         if description.bounds is None and (run is not None or self.target is None):
             bounds = safety_bounds(for_each_gait(with_own_values, config))
             description = replace(description, bounds=bounds)
-        whole = replace(description, kind="pipeline")
-        # All models before the first file: some policies have no pipeline.
-        models = []
+        return description
+
+    def graphs(self, policy: Policy, description: PolicyDescription) -> list[Graph]:
+        """The graphs that were asked for, before the first file is written.
+
+        A policy may have no pipeline; then there is no file of its network either.
+
+        Args:
+            policy: The policy.
+            description: What the file of its network says of it.
+
+        Raises:
+            ValueError: The policy has no pipeline, and it was asked for.
+        """
+        from surefoot.interop.onnx.file import network_model
+        from surefoot.interop.onnx.pipeline import exploy_keys, pipeline_model
+
+        graphs = []
         if self.onnx is not None:
-            model = network_model(policy)
-            models.append((self.onnx, "the network", description, model, {}))
+            graphs.append(Graph(self.onnx, "the network", description, network_model(policy), {}))
         if self.pipeline is not None:
+            whole = replace(description, kind="pipeline")
             model = pipeline_model(policy, whole)
             keys = exploy_keys(whole)
-            models.append((self.pipeline, "the whole pipeline", whole, model, keys))
-        exported = []
-        for file, title, part, model, keys in models:
-            written = write_onnx(model, part, file, keys)
-            write_policy_card(policy, file, use_of(file, written, policy, self.target, run))
-            exported.append(ExportedFile(file, part.kind, written.sha256))
-            print(f"{file}: {title}, SHA-256 {written.sha256}")
-        if self.json is not None:
-            known = None if description.start_range is None else description.start_range.starts
-            write_json(self.json, ExportReport(path, known, tuple(exported)))
-        if not stored:
-            print(
-                "the initial states that it was trained from are unknown, so that a runtime cannot "
-                "tell from which postures it may begin; name them with --starts, such as "
-                f"{STRAIGHT_TROT} for Solo12's trot"
-            )
-        return 0
+            graphs.append(Graph(self.pipeline, "the whole pipeline", whole, model, keys))
+        return graphs
 
 
 def use_of(

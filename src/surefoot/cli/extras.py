@@ -5,7 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.metadata import PackageNotFoundError, requires
+
+from surefoot.runs.versions import installed
 
 PACKAGE = "surefoot"
 ADDS = {
@@ -71,7 +73,7 @@ def extras() -> list[Extra]:
     for name in dict.fromkeys(_names(wanted)):
         marked = [each for each in wanted if name in _names([each])]
         mine = [each for each in marked if each.marker and each.marker.evaluate({"extra": name})]
-        missing = tuple(each.name for each in mine if not _is_installed(each.name))
+        missing = tuple(each.name for each in mine if installed(each.name) is None)
         found.append(Extra(name, ADDS.get(name, ""), missing, available=bool(mine)))
     return found
 
@@ -80,12 +82,3 @@ def _names(wanted: list) -> Iterator[str]:
     """The names of the extras that packages are wanted for."""
     for each in wanted:
         yield from re.findall(r"extra == [\"']([\w.-]+)[\"']", str(each.marker))
-
-
-def _is_installed(name: str) -> bool:
-    """Whether there is such a package."""
-    try:
-        version(name)
-    except PackageNotFoundError:
-        return False
-    return True

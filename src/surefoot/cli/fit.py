@@ -18,7 +18,9 @@ from surefoot.config import Config, NumberFormat
 from surefoot.files import write_json
 
 if TYPE_CHECKING:
+    from surefoot.interop.cards import PolicyUse
     from surefoot.learning.dataset import Dataset
+    from surefoot.learning.train import FitResult
     from surefoot.robots.model import RobotModel
 
 SAME_FEET = 1e-3
@@ -84,8 +86,7 @@ class Fit(OnGait, OnRobot):
 
     def __call__(self) -> int:
         """Train, write the policy, and print the losses."""
-        from surefoot.config.robot_table import ROBOTS
-        from surefoot.interop.cards import PolicyUse, card_path, write_policy_card
+        from surefoot.interop.cards import write_policy_card
         from surefoot.learning.dataset import Dataset
         from surefoot.learning.network import PolicyNetwork
         from surefoot.learning.policy import policy_spec, save
@@ -96,12 +97,8 @@ class Fit(OnGait, OnRobot):
         from surefoot.runs.progress import epochs_bar
         from surefoot.runs.stages import training_data
 
-        out = Output("OUT", self.out, (".safetensors",))
         checkpoint = Path(f"{self.out}.checkpoint")
-        card = Output("OUT (its card)", card_path(self.out))
-        kept = Output("OUT (its checkpoint)", checkpoint)
-        outputs = [out, card, kept, Output("--json", self.json)]
-        check_outputs(self, outputs, dataset=self.data)
+        check_outputs(self, self.outputs(checkpoint), dataset=self.data)
         data = Dataset(self.data)
         if not data.shards:
             raise ValueError(f"{self.data} holds no dataset; `surefoot import-data` makes one")
@@ -120,36 +117,27 @@ class Fit(OnGait, OnRobot):
         origin = {"dataset": data.folder.resolve().name, "dataset_hash": data.hash, "seed": seed}
         policy = fitted_policy(config, result, origin)
         save(policy, self.out)
-        error = result.validation_loss[-1]
-        shown = f", with an L1 error of {error:.4f} rad on frames held out"
-        use = PolicyUse(
-            f"A policy file of surefoot, after {result.steps} steps on {result.frames} frames"
-            f"{shown if math.isfinite(error) else ''}.",
-            (
-                "It was fitted to a dataset, and has driven no robot yet: a small error on frames "
-                "held out says little about whether a robot stays up.",
-            ),
-            # Of any other robot, the commands need the folder of a run, which has its description.
-            (f"surefoot evaluate {shlex.quote(str(self.out))}",) if robot.name in ROBOTS else (),
-        )
-        write_policy_card(policy, self.out, use)
+        write_policy_card(policy, self.out, use_of(self.out, result, robot))
         checkpoint.unlink(missing_ok=True)
         if self.json is not None:
-            report = FitReport(
-                policy=self.out,
-                dataset=data.folder,
-                dataset_hash=data.hash,
-                seed=seed,
-                steps=result.steps,
-                frames=result.frames,
-                train_loss=result.train_loss,
-                validation_loss=result.validation_loss,
-                precision=result.precision,
-                device=result.device,
-            )
-            write_json(self.json, report)
+            write_json(self.json, report_of(self.out, data, seed, result))
         print(f"{self.out}: {result.steps} steps on {result.frames} frames, {result.losses}")
         return 0
+
+    def outputs(self, checkpoint: Path) -> list[Output]:
+        """The files that it is to write.
+
+        Args:
+            checkpoint: Where the state of the training is kept until the policy is written.
+        """
+        from surefoot.interop.cards import card_path
+
+        return [
+            Output("OUT", self.out, (".safetensors",)),
+            Output("OUT (its card)", card_path(self.out)),
+            Output("OUT (its checkpoint)", checkpoint),
+            Output("--json", self.json),
+        ]
 
     def seed_of(self, config: Config) -> int:
         """The root of the training's randomness.
@@ -195,6 +183,54 @@ def check_robot(data: Dataset, robot: RobotModel) -> None:
                 f"up to {away:.3f} m elsewhere. Name the robot with --robot; the logs of two "
                 "robots belong into two datasets"
             )
+
+
+def use_of(out: Path, result: FitResult, robot: RobotModel) -> PolicyUse:
+    """What the card of a fitted policy says besides what the policy itself knows.
+
+    Args:
+        out: The policy file.
+        result: How it was trained.
+        robot: The robot.
+    """
+    from surefoot.config.robot_table import ROBOTS
+    from surefoot.interop.cards import PolicyUse
+
+    error = result.validation_loss[-1]
+    shown = f", with an L1 error of {error:.4f} rad on frames held out"
+    return PolicyUse(
+        f"A policy file of surefoot, after {result.steps} steps on {result.frames} frames"
+        f"{shown if math.isfinite(error) else ''}.",
+        (
+            "It was fitted to a dataset, and has driven no robot yet: a small error on frames "
+            "held out says little about whether a robot stays up.",
+        ),
+        # Of any other robot, the commands need the folder of a run, which has its description.
+        (f"surefoot evaluate {shlex.quote(str(out))}",) if robot.name in ROBOTS else (),
+    )
+
+
+def report_of(out: Path, data: Dataset, seed: int, result: FitResult) -> FitReport:
+    """The report of a fit.
+
+    Args:
+        out: The policy file.
+        data: The dataset.
+        seed: The root of the training's randomness.
+        result: How the policy was trained.
+    """
+    return FitReport(
+        policy=out,
+        dataset=data.folder,
+        dataset_hash=data.hash,
+        seed=seed,
+        steps=result.steps,
+        frames=result.frames,
+        train_loss=result.train_loss,
+        validation_loss=result.validation_loss,
+        precision=result.precision,
+        device=result.device,
+    )
 
 
 def parse_fit(args: Sequence[str]) -> Fit:

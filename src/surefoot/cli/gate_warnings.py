@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 ALARMS = (0.1, 0.2, 0.3, 0.5)
 """Probabilities at which the history network calls a state unsafe."""
+IMPULSE = (0.5, 2.0)
+"""[N s] The smallest and the largest push of a Solo12; pushes of others are scaled by mass."""
 TIGHTENED = 0.6
 """The tightened bounds, as a share of the paper's."""
 
@@ -34,13 +36,15 @@ class MeasureWarnings(OnWorkers, OnSimulator):
     """Measure how early a run's gates warn of falls, and how many alarms are false.
 
     The last policy that has a history network drives alone from `test` initial states, and is
-    pushed three times in 5 s by 0.5 to 2 N s. The paper's bounds, tightened bounds and the network
-    are asked at every tick, without any effect. The run may be unfinished; it is only read.
+    pushed three times in 5 s, a Solo12 by 0.5 to 2 N s and other robots in proportion to their
+    mass. The paper's bounds, tightened bounds and the network are asked at every tick, without any
+    effect. The run may be unfinished; it is only read.
 
-    JSON keys: run, iteration (of the policy); starts, starts_hash, split, episodes, falls, fallen
-    (ids of the initial states); gates, for each gate announced (falls, at least 0.2 s ahead),
-    announced_share, announced_interval, chance_share, leads, median_lead, lead_interval [s],
-    takeovers, false_takeovers, robot_minutes, false_per_minute, false_interval. Intervals are 95 %.
+    JSON keys: run, iteration (of the policy); starts, starts_hash, split, episodes, T_block [s] (of
+    the run), falls, fallen (ids of the initial states); gates, for each gate announced (falls, at
+    least 0.2 s ahead), announced_share, announced_interval, chance_share, leads, median_lead,
+    lead_interval [s], takeovers, false_takeovers, robot_minutes, false_per_minute, false_interval.
+    Intervals are 95 %.
     """
 
     run: Annotated[Path, tyro.conf.Positional]
@@ -71,8 +75,12 @@ class MeasureWarnings(OnWorkers, OnSimulator):
 
     def as_asked(self, config: Config) -> Config:
         """A run's configuration with the pushes and what the options change."""
+        from surefoot.robots.load import load_robot
+        from surefoot.robots.scaling import by_mass, size_of
+
+        impulse = by_mass(IMPULSE, size_of(load_robot(config.robot)).mass_ratio)
         pushes = DisturbanceConfig(
-            pushes=3, impulse=(0.5, 2.0), push_duration=config.collection.push_duration
+            pushes=3, impulse=impulse, push_duration=config.collection.push_duration
         )
         evaluation = EvaluationConfig(5.0, self.episodes, pushes)
         return self.simulated(replace(config, evaluation=evaluation))
@@ -84,7 +92,7 @@ def last_gate(run: Run) -> int:
     Raises:
         RunError: There is none.
     """
-    from surefoot.runs.run import RunError
+    from surefoot.runs.layout import RunError
 
     last = None
     iteration = 0
@@ -128,7 +136,7 @@ def gates_of(run: Run, iteration: int) -> dict[str, Gate]:
 
 def warnings_table(report: RunWarnings) -> str:
     """The warnings as a Markdown table."""
-    from surefoot.study.tables import markdown
+    from surefoot.study.markdown_text import markdown
 
     head = (
         "gate",

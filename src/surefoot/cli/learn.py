@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import tyro
 
@@ -14,13 +15,14 @@ from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import (
     OnCommands,
+    OnDevice,
     OnGait,
     OnSimulator,
     OnWorkers,
     check_seconds,
     config_of_gait,
 )
-from surefoot.cli.outputs import Output, check_outputs, check_run_folder
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config, IterativeConfig
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.presets import preset
@@ -58,7 +60,7 @@ class LearnReport:
 
 
 @dataclass(frozen=True)
-class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
+class Learn(OnWorkers, OnDevice, OnCommands, OnGait, OnSimulator):
     """Learn on a robot behind a bridge with LocoSafeDAGGER; the same command goes on after Ctrl-C.
 
     The first policy is trained in simulation. In each iteration after it the newest policy drives
@@ -93,8 +95,6 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
     """The robot is a twin in lockstep; plans then take effect at once."""
     realtime: bool = False
     """Ask the system for real-time priority, and to stay in memory (Linux, needs the rights to)."""
-    device: Literal["auto", "cpu", "cuda"] | None = None
-    """The device that trains the network; without it, the configured one."""
     json: Path | None = None
     """Write metrics and cost to this file, as JSON."""
     runtime: RuntimeConfig = field(default_factory=RuntimeConfig)
@@ -112,12 +112,12 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
         from surefoot.viz.plots import learning_curves
 
         folder = self.run or Path("runs") / f"learn-{self.preset}"
-        check_run_folder(folder)
         check_outputs(self, [Output("--json", self.json)], new_run=folder)
         self.check_operator()
         # Before initial states are prepared.
         only_gait(self.config, "learning on a robot", "name one of them with --gait")
-        config = config_for(folder, self.with_commands(self.simulated(self.config)))
+        config = self.with_commands(self.simulated(self.config))
+        config = config_for(folder, self.with_device(config))
         check_config(config)
         run = create(folder, config, resume=(folder / METRICS_FILE).exists())
         check_robots_run(run)
@@ -166,20 +166,13 @@ class Learn(OnWorkers, OnCommands, OnGait, OnSimulator):
             Stale: No bridge answers.
             ValueError: It serves another robot, or one that does not measure its base.
         """
-        from surefoot.deploy.bridge import UdpChannel
-        from surefoot.deploy.udp_robot import UdpRobot, parse_address
+        from surefoot.deploy.udp_robot import parse_address, robot_at
         from surefoot.field.planner import PlannerProcess
         from surefoot.field.session import Crew, Unattended, check_bridge
         from surefoot.robots.load import load_robot
         from surefoot.robots.scaling import with_own_values
 
-        peer = parse_address(self.robot)
-        # Any local address is heard from the loopback interface only if the bridge is there too.
-        local = "127.0.0.1" if peer[0].startswith("127.") else "0.0.0.0"
-
-        def connection() -> UdpRobot:
-            return UdpRobot(UdpChannel(local), peer, lockstep=self.lockstep)
-
+        connection = partial(robot_at, parse_address(self.robot), self.lockstep)
         robot = load_robot(run.config.robot)
         check_bridge(connection, robot)
         config = with_own_values(run.config, robot)
@@ -260,7 +253,7 @@ def parse_learn(args: Sequence[str]) -> Learn:
         ValueError: There is no such preset or gait.
         SystemExit: Help was asked for, or an option is wrong.
     """
-    name = sort_arguments(args, Learn).values.get("--preset", "default")
+    name = sort_arguments(args, Learn).values.get("--preset", ["default"])[0]
     config = config_of_gait(args, Learn, robot_preset(name))
     default = Learn(robot=tyro.MISSING, preset=name, config=config)
     return read_options(Learn, args, "surefoot learn", default)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Protocol
@@ -61,12 +61,14 @@ class Entry:
     Attributes:
         command: Dataclass of the command.
         summary: What the command does, in at most 64 characters.
+        parse: Function that reads its options, if their defaults depend on other options.
         memory: The options that decide how much memory it takes, in words, if there are any.
         resume: What is not lost if it ends early, and how to go on; empty if it begins anew.
     """
 
     command: type[Subcommand]
     summary: str
+    parse: Callable[[Sequence[str]], Subcommand] | None = None
     memory: str = ""
     resume: str = ""
 
@@ -78,21 +80,24 @@ COMMANDS = {
         "Train a policy in minutes, measure it, and film it.",
         resume="what is finished is on disk: the same command goes on",
     ),
-    "walk": Entry(Walk, "Let the expert walk, and film it.", memory="--seconds"),
+    "walk": Entry(Walk, "Let the expert walk, and film it.", parse_walk, memory="--seconds"),
     "train": Entry(
         Train,
         "Train a policy with one of the six methods.",
+        parse_train,
         memory="--config.chunk, the durations of --config.method, or --workers",
         resume="what is finished is on disk: go on with --resume",
     ),
     "evaluate": Entry(
         Evaluate,
         "Measure robustness and tracking of a policy and the expert.",
+        parse_evaluate,
         memory="--episodes or --workers",
     ),
     "compare": Entry(
         Compare,
         "Compare the policies of several runs, and the expert.",
+        parse_compare,
         memory="--episodes or --workers",
         resume="with --json FILE the same command goes on where it ended",
     ),
@@ -116,6 +121,7 @@ COMMANDS = {
     "fit": Entry(
         Fit,
         "Train a policy on a dataset, such as an imported one.",
+        parse_fit,
         memory="--config.training.memory",
         resume="finished epochs are on disk: the same command goes on",
     ),
@@ -123,6 +129,7 @@ COMMANDS = {
     "prepare": Entry(
         Prepare,
         "Measure what a robot, a gait and a box of commands need.",
+        parse_prepare,
         memory="--config",
         resume="the same command begins again, with the gains that are measured",
     ),
@@ -142,6 +149,7 @@ COMMANDS = {
     "learn": Entry(
         Learn,
         "Learn on a robot behind a bridge, and fail safely.",
+        parse_learn,
         memory="the durations of --config.method",
         resume="what is finished is on disk: the same command goes on with it",
     ),
@@ -155,18 +163,6 @@ COMMANDS = {
     "completion": Entry(Completion, "Print a script for the Tab key: bash, zsh or fish."),
 }
 """All commands, by name."""
-
-
-PARSERS: Mapping[str, Callable[[Sequence[str]], Subcommand]] = {
-    "walk": parse_walk,
-    "train": parse_train,
-    "evaluate": parse_evaluate,
-    "compare": parse_compare,
-    "fit": parse_fit,
-    "learn": parse_learn,
-    "prepare": parse_prepare,
-}
-"""Functions that read the options of commands whose defaults depend on other options."""
 
 
 def parse(args: Sequence[str]) -> Subcommand:
@@ -188,9 +184,10 @@ def parse(args: Sequence[str]) -> Subcommand:
         raise SystemExit(0)
     if name not in COMMANDS:
         raise ValueError(unknown("command", name, COMMANDS))
-    if name in PARSERS:
-        return PARSERS[name](args[1:])
-    return read_options(COMMANDS[name].command, args[1:], f"surefoot {name}")
+    entry = COMMANDS[name]
+    if entry.parse is not None:
+        return entry.parse(args[1:])
+    return read_options(entry.command, args[1:], f"surefoot {name}")
 
 
 FIRST_STEPS = """\

@@ -1,29 +1,23 @@
-"""Options that several commands share, and what they print. Next: `outputs`."""
+"""Options that several commands share. Next: `outputs`."""
 
 from __future__ import annotations
 
-import json
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from surefoot.cli.arguments import sort_arguments
-from surefoot.config import Backend, CommandBox, Config, simulated
+from surefoot.config import Backend, CommandBox, Config, PushConfig, simulated
 from surefoot.config.commands import Interval
-from surefoot.config.json_io import to_json
-from surefoot.files import is_stream, write_json
+from surefoot.config.evaluation import shortened
 from surefoot.types import TICKS_PER_SECOND, Command
 from surefoot.workers import Workers, default_workers
 
-if TYPE_CHECKING:
-    from surefoot.rollouts.episodes import Rollout
-    from surefoot.viz.film import Recording
-
 MOST_SECONDS = 3600.0
 """[s] No longer time is recorded at once: an hour takes some gigabytes."""
+HIGHEST_PORT = 65535
+"""The largest number of a port."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,36 +90,20 @@ def config_of_gait(args: Sequence[str], command: type, config: Config) -> Config
     from surefoot.mpc.gaits import with_gait, with_gaits
     from surefoot.mpc.schedule import stands
 
-    arguments = sort_arguments(args, command)
-    name = arguments.values.get("--gait")
-    names = values_of("--gaits", arguments.options)
-    if name is not None and names:
+    values = sort_arguments(args, command).values
+    name = values.get("--gait", ["None"])[0]
+    names = values.get("--gaits", ["None"])
+    if name != "None" and names != ["None"]:
         raise ValueError("--gait names one gait, --gaits several: use one of the two options")
-    if not names and name is None:
+    if names != ["None"]:
+        config = with_gaits(config, names)
+    elif name != "None":
+        config = with_gait(config, name)
+    else:
         return config
-    config = with_gaits(config, names) if names else with_gait(config, str(name))
     if all(map(stands, config.gaits)):
         config = replace(config, commands=CommandBox(vx=(0.0, 0.0)))
     return config
-
-
-def values_of(name: str, options: Sequence[str]) -> list[str]:
-    """The values of an option that may have any number of them; none if it is not given.
-
-    Args:
-        name: The option.
-        options: The options of an argument list, each with its values behind it.
-    """
-    values: list[str] = []
-    taking = False
-    for option in options:
-        if option.startswith("--"):
-            found, equals, value = option.partition("=")
-            taking = found == name
-            values += [value] if taking and equals else []
-        elif taking:
-            values.append(option)
-    return values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,6 +184,69 @@ class OnHardware:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OnPushes:
+    """A command whose robots can be pushed, with fewer pushes than a run's configuration has."""
+
+    push_speeds: int | None = None
+    """The number of forward speeds of the robots that are pushed, each at the ten phases of the
+    gait. Without it the run's configuration decides: 10 are the paper's 100 robots a level; 5 cost
+    half. With 1, ten robots, no lower end of an interval is above 0."""
+    push_directions: int | None = None
+    """The number of directions of the pushes; without it the run's configuration decides. The time
+    is in proportion: 4 cost half of the default's 8."""
+    push_resolution: float | None = None
+    """The distance between two levels of the pushes, in N s, up to about the same strongest push;
+    without it the run's configuration decides. The default's 0.2 takes five or six rounds, 0.8
+    three or four. With --push-speeds 2 --push-directions 4 --push-resolution 0.8 the robots walk
+    for about 0.5 thousand seconds instead of 7 thousand."""
+
+    def check_pushed(self, pushes: bool, advice: str) -> None:
+        """Check that what shortens the pushes is not asked for without pushes.
+
+        Args:
+            pushes: Whether the robots are pushed.
+            advice: What to do so that they are.
+
+        Raises:
+            ValueError: They are not, and an option says how.
+        """
+        given = {
+            "--push-speeds": self.push_speeds,
+            "--push-directions": self.push_directions,
+            "--push-resolution": self.push_resolution,
+        }
+        names = [name for name, value in given.items() if value is not None]
+        if names and not pushes:
+            raise ValueError(f"{', '.join(names)} without pushes; {advice}")
+
+    def shortened(self, push: PushConfig) -> PushConfig:
+        """The pushes of a run with what the options change.
+
+        Raises:
+            ValueError: A number is out of its range.
+        """
+        return shortened(push, self.push_speeds, self.push_directions, self.push_resolution)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OnDevice:
+    """A command that trains a network."""
+
+    device: Literal["auto", "cpu", "cuda"] | None = None
+    """The device that trains the network; without it, the configured one: a GPU if there is one."""
+
+    def with_device(self, config: Config) -> Config:
+        """The configuration, with the device that was asked for.
+
+        Args:
+            config: Configuration with a device of its own.
+        """
+        if self.device is None:
+            return config
+        return replace(config, training=replace(config.training, device=self.device))
+
+
+@dataclass(frozen=True, kw_only=True)
 class OnWorkers:
     """A command whose rollouts are spread over processes; the results do not depend on them."""
 
@@ -244,6 +285,16 @@ def check_seconds(seconds: float, option: str = "--seconds") -> None:
         )
 
 
+def check_port(port: int) -> None:
+    """Check the number of a port to listen on, given by --port.
+
+    Raises:
+        ValueError: There is no such port.
+    """
+    if not 0 <= port <= HIGHEST_PORT:
+        raise ValueError(f"--port {port}: use 0 to {HIGHEST_PORT}; 0 takes any free one")
+
+
 def check_velocity(command: Command) -> None:
     """Check the velocity that a robot is to follow, given by --vx, --vy and --yaw-rate.
 
@@ -253,62 +304,3 @@ def check_velocity(command: Command) -> None:
     for name, value in command._asdict().items():
         if not math.isfinite(value):
             raise ValueError(f"--{name.replace('_', '-')} is {value}; use a finite number")
-
-
-def warn_of_divergence(rollouts: Rollout) -> None:
-    """Say why a rollout of one robot ended, if the expert gave up on it.
-
-    Args:
-        rollouts: The rollout.
-    """
-    from surefoot.rollouts.outcome import Outcome
-
-    if rollouts.outcome[0] == Outcome.DIVERGED:
-        seconds = rollouts.length[0] / TICKS_PER_SECOND
-        print(
-            f"the expert gave up after {seconds:.2f} s: its plan is not valid or not finite",
-            file=sys.stderr,
-        )
-
-
-def film_episode(recording: Recording, out: Path, title: str) -> bool:
-    """Film a recording; where nothing can be rendered, say so.
-
-    Args:
-        recording: What the robot did.
-        out: The film; a contact sheet is written beside it, as a PNG, unless it is a stream such as
-            ``/dev/stdout``, which has nothing beside it.
-        title: Text in the film.
-
-    Returns:
-        Whether there is a film.
-    """
-    from surefoot.viz.film import contact_sheet, film
-    from surefoot.viz.renderer import RenderingUnavailable
-
-    try:
-        if not is_stream(out):
-            sheet = contact_sheet(recording, out.with_suffix(".png"))
-            print(f"frames: {sheet}")
-        print(f"video:  {film(recording, out, title)}")
-    except RenderingUnavailable as error:
-        print(f"no video: {error}", file=sys.stderr)
-        return False
-    return True
-
-
-def show_record(record: object, path: Path | None) -> None:
-    """Write a record as JSON if there is a path, and print it, one line for each field.
-
-    Neither is lost if the other fails.
-
-    Args:
-        record: Dataclass of results.
-        path: JSON file; None to print only.
-    """
-    try:
-        if path:
-            write_json(path, record)
-    finally:
-        for key, value in to_json(record).items():
-            print(f"{key:<22} {json.dumps(value)}")

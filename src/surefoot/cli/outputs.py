@@ -98,15 +98,17 @@ def check_outputs(
         command: The command; files that its other options name are read.
         outputs: All files that the command is to write.
         reads: Files that it reads besides.
-        new_run: The folder in which it is to begin a run.
+        new_run: The folder that `--run` names, in which it is to begin a run.
         new_study: The folder in which it is to begin a study.
         dataset: The folder of the dataset that it reads or makes, which is all of files of its own.
 
     Raises:
         ValueError: A file could not be written, its name has another ending, it would replace one
             of a run's or a study's own or one that the command reads, or two of them are the same
-            file.
+            file; or the folder of a new run could not be written in.
     """
+    if new_run is not None:
+        check_run_folder(new_run)
     # What is read may be named through a link.
     read = [*files_read(command, outputs), *reads]
     names = {os.path.realpath(path): "what the command reads" for path in read}

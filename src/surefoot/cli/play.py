@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -10,21 +11,20 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import tyro
 
+from surefoot.cli.episodes import film_episode, show_record, warn_of_divergence
 from surefoot.cli.options import (
     OnHardware,
     OnSimulator,
     OnTerrain,
     check_seconds,
     check_velocity,
-    film_episode,
-    show_record,
-    warn_of_divergence,
 )
 from surefoot.cli.outputs import Output, check_outputs, film_outputs
 from surefoot.cli.progress import seconds_bar
 from surefoot.types import Command
 
 if TYPE_CHECKING:
+    from surefoot.learning.policy import Policy
     from surefoot.rollouts.jobs import Job
 
 
@@ -86,7 +86,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         from surefoot.learning.policy import load
         from surefoot.robots.load import load_robot
         from surefoot.rollouts.jobs import play_out
-        from surefoot.viz.film import Recording, in_words
+        from surefoot.viz.film import Recording, command_in_words
         from surefoot.viz.replay import push_ticks, report_episode
 
         check_seconds(self.seconds)
@@ -123,11 +123,12 @@ class Play(OnHardware, OnSimulator, OnTerrain):
             simulation=job.config.simulation,
             q=rollouts.q[0, :length],
             expert_drove=None if episode is None else rollouts.expert_drove[0, :length],
-            pushes=push_ticks(job, rollouts),
+            pushes=push_ticks(rollouts),
             ground=rollouts.ground,
         )
         played = "policy" if episode is None else f"episode {episode}"
-        filmed = film_episode(recording, out, f"{played}, {in_words(Command(*report.command))}")
+        told = command_in_words(Command(*report.command))
+        filmed = film_episode(recording, out, f"{played}, {told}")
         return int(rollouts.failed[0] or self._lacks(filmed))
 
     @property
@@ -204,7 +205,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         Raises:
             ValueError: An iteration was named, but no episode; or the policy lacks a gait.
         """
-        from surefoot.learning.policy import check_command, load
+        from surefoot.learning.policy import load
         from surefoot.mpc.gaits import numbers_of
         from surefoot.robots.load import find_spec
         from surefoot.rollouts.arbiters import PolicyOnly
@@ -221,7 +222,7 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         policy, config = find_policy(self.target)
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
-        check_command(load(policy, find_spec(config.robot).name), np.array(command))
+        check_command(load(policy, find_spec(config.robot).name), command)
         start = standing_start(command, config.robot)
         numbers = numbers_of(config, self.gaits) if self.gaits else [0]
         start, switches = in_turn(config, start, numbers, self.seconds)
@@ -249,3 +250,21 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         if self.target is None:
             raise ValueError(f"--episode {episode} needs the folder of the run that recorded it")
         return recorded_episode(self.target, episode, self.iteration)
+
+
+def check_command(policy: Policy, command: Command) -> None:
+    """Warn of a command outside the range that the policy was trained on.
+
+    Args:
+        policy: The policy.
+        command: The velocity that it is to follow.
+    """
+    low, high = policy.command_range
+    given = np.array(command)
+    if not ((given >= low - 1e-9) & (given <= high + 1e-9)).all():
+        warnings.warn(
+            f"command {given.tolist()} lies outside what the policy was trained on: vx, vy, "
+            f"yaw rate from {low.tolist()} to {high.tolist()}; expect poor tracking or a fall, "
+            "or train with such commands",
+            stacklevel=2,
+        )

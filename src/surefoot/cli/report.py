@@ -45,9 +45,10 @@ class Report:
 
     def __call__(self) -> int:
         """Read the results, write the page, and say where it is."""
-        from surefoot.runs.run import CONFIG_FILE
+        from surefoot.runs.layout import CONFIG_FILE
         from surefoot.runs.setup import has_setup
         from surefoot.study.layout import PAGE_FILE, STUDY_FILE
+        from surefoot.study.markdown_text import page_with
         from surefoot.study.report.films import study_films
         from surefoot.study.report.markdown_page import page_of_tables
         from surefoot.study.report.markup import NOTHING
@@ -55,7 +56,6 @@ class Report:
         from surefoot.study.report.run_page import write_run_card
         from surefoot.study.report.study_page import study_report, write_study_report
         from surefoot.study.results import read_results
-        from surefoot.study.tables import page_with
 
         folder = self.target
         if not (folder / STUDY_FILE).is_file() and not has_setup(folder):

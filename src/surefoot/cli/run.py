@@ -12,11 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from surefoot.cli.options import (
-    check_seconds,
-    check_velocity,
-    show_record,
-)
+from surefoot.cli.episodes import show_record
+from surefoot.cli.options import check_seconds, check_velocity
 from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.errors import unknown
@@ -93,12 +90,11 @@ class RunPolicy:
         Raises:
             WriteError: The last ten seconds could not be written; the report has been shown.
         """
-        from surefoot.deploy.bridge import UdpChannel
         from surefoot.deploy.drive import drive
         from surefoot.deploy.loop import Runtime
         from surefoot.deploy.policy import load
         from surefoot.deploy.real_time import take_real_time_priority
-        from surefoot.deploy.udp_robot import UdpRobot, parse_address
+        from surefoot.deploy.udp_robot import parse_address, robot_at
 
         command = Command(self.vx, self.vy, self.yaw_rate)
         check_velocity(command)
@@ -108,11 +104,9 @@ class RunPolicy:
         self.check_start()
         policy = load(self.policy)
         gait = gait_number(policy, self.gait)
-        # Any local address is heard from the loopback interface only if the bridge is there too.
-        local = "127.0.0.1" if peer[0].startswith("127.") else "0.0.0.0"
         with ExitStack() as closing:
             safeguard = self.safeguard(policy, closing)
-            robot = UdpRobot(UdpChannel(local), peer, lockstep=self.lockstep)
+            robot = robot_at(peer, self.lockstep)
             closing.callback(robot.close)
             robot.connect()
             operator = self.operator(command, robot, policy, gait)

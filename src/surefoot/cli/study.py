@@ -23,6 +23,7 @@ from surefoot.files import write_json
 
 if TYPE_CHECKING:
     from surefoot.config.study import StudyConfig
+    from surefoot.study.cells import StudyJob
     from surefoot.study.estimate import Estimate
     from surefoot.study.state import JobStatus
 
@@ -46,7 +47,7 @@ class JobReport:
 
 
 @dataclass(frozen=True)
-class StudyReport:
+class StudyProgress:
     """How far a study is, for machines.
 
     Attributes:
@@ -159,7 +160,6 @@ class Study(OnWorkers):
 
     def _folder(self, name: str) -> Path:
         """The folder of the study."""
-        from surefoot.study.folder import read_study
         from surefoot.study.layout import STUDY_FILE
 
         if self.folder is not None:
@@ -167,33 +167,23 @@ class Study(OnWorkers):
         path = Path(name)
         if (path / STUDY_FILE).is_file():
             return path
-        studies = Path("studies")
-        if not path.is_file():
-            return studies / name
-        study = study_named(name)
-        folder = studies / study.name
-        former = studies / path.stem  # where earlier versions began it
-        is_former = (former / STUDY_FILE).is_file() and read_study(former).study.name == study.name
-        return former if is_former and not (folder / STUDY_FILE).is_file() else folder
+        return Path("studies") / (study_named(name).name if path.is_file() else name)
 
     def _run(self, name: str, folder: Path) -> int:
         """Run the study, after saying what there is to do."""
-        from surefoot.study.cells import jobs_of
         from surefoot.study.estimate import estimate_study
-        from surefoot.study.layout import STUDY_FILE
         from surefoot.study.runner import needed_jobs, open_study, run_study
 
         study = study_named(name)
+        # A name that is wrong begins no study.
+        jobs = needed_jobs(jobs_in(folder, study), self.jobs)
         if self.estimate:
-            estimate = estimate_study(study, needed_jobs(jobs_of(study), self.jobs))
+            estimate = estimate_study(study, jobs)
             if self.json is not None:
                 write_json(self.json, estimate_report(estimate, self.workers))
             print(describe_work(estimate, self.workers))
             return 0
-        if not (folder / STUDY_FILE).exists():
-            needed_jobs(jobs_of(study), self.jobs)  # a name that is wrong begins no study
         setup = open_study(folder, study)
-        jobs = needed_jobs(setup.jobs, self.jobs)
         estimate = estimate_study(study, setup.jobs, folder).of(jobs)
         print(f"{study.title}, in {folder}: {describe_work(estimate, self.workers)}")
         outcome = run_study(folder, self.spread, self.jobs)
@@ -215,7 +205,7 @@ class Study(OnWorkers):
         paused = is_paused(folder)
         if self.json is not None:
             jobs = [JobReport(s.job.name, s.state, s.seconds) for s in statuses]
-            write_json(self.json, StudyReport(folder, paused, jobs))
+            write_json(self.json, StudyProgress(folder, paused, jobs))
         workers = workers_of(folder) or self.workers
         estimate = read_estimate(folder, [status.job for status in statuses])
         print(describe_state(statuses, estimate, workers))
@@ -260,6 +250,27 @@ def study_named(name: str) -> StudyConfig:
         return from_json(StudyConfig, values)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+
+
+def jobs_in(folder: Path, study: StudyConfig) -> Sequence[StudyJob]:
+    """All jobs of a study: those with which it began in a folder, or else those of its presets.
+
+    Args:
+        folder: Folder of the study, which need not be there.
+        study: The study.
+
+    Raises:
+        StudyError: The folder holds a study that cannot be read.
+    """
+    from surefoot.study.cells import jobs_of
+    from surefoot.study.folder import read_study
+    from surefoot.study.layout import STUDY_FILE
+
+    if (folder / STUDY_FILE).is_file():
+        setup = read_study(folder)
+        if setup.study == study:
+            return setup.jobs
+    return jobs_of(study)
 
 
 def estimate_report(estimate: Estimate, workers: int) -> EstimateReport:

@@ -15,7 +15,7 @@ from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Backend
 from surefoot.config.gait_table import GAITS
 from surefoot.config.robot_table import ROBOTS
-from surefoot.files import write_atomic, write_json
+from surefoot.files import write_json
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class Survey(OnWorkers):
 
     def __call__(self) -> int:
         """Measure what is missing, write the table where asked, and print it."""
+        from surefoot.study.markdown_text import page_with, write_page
         from surefoot.study.robot_cells import survey_page
         from surefoot.study.robot_survey import SurveyPlan, survey_robots
-        from surefoot.study.tables import page_with
 
         # What would fail hours later fails before any work.
         check_seconds(self.seconds)
@@ -83,6 +83,6 @@ class Survey(OnWorkers):
         if self.json is not None:
             write_json(self.json, survey)
         if self.page is not None:
-            write_atomic(self.page, page_with(text, self.page).encode())
+            write_page(text, self.page)
         print(text)
         return 0

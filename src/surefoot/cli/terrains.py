@@ -12,7 +12,7 @@ from surefoot.cli.options import OnSimulator, OnWorkers
 from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config
 from surefoot.config.sim import GROUNDS
-from surefoot.files import claim_file, write_atomic, write_json
+from surefoot.files import claim_file, write_json
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,12 @@ class Terrains(OnWorkers, OnSimulator):
         """Measure what is missing, write the table where asked, and print it."""
         from surefoot.config.json_io import read_record
         from surefoot.config.study import EXPERT
-        from surefoot.runs.policies import find_policy, prepared_for
+        from surefoot.runs.policies import find_policy
+        from surefoot.runs.run import run_of_policy
         from surefoot.scenarios.gains import with_measured_gain
         from surefoot.scenarios.gaits import all_starts_of
-        from surefoot.study.tables import page_with
+        from surefoot.scenarios.prepare import completed
+        from surefoot.study.markdown_text import page_with, write_page
         from surefoot.study.terrain_table import (
             TerrainTable,
             Walker,
@@ -82,7 +84,9 @@ class Terrains(OnWorkers, OnSimulator):
                     f"{name} is a policy of another robot or other gaits than {names[0]}; give "
                     "them tables of their own"
                 )
-        config = self.simulated(prepared_for(path, config))
+        if run_of_policy(path) is None:
+            config = completed(config)
+        config = self.simulated(config)
         all_starts_of(config)
         evaluation = replace(config.evaluation, episodes=self.episodes)
         config = with_measured_gain(replace(config, evaluation=evaluation))
@@ -97,7 +101,7 @@ class Terrains(OnWorkers, OnSimulator):
         text = terrain_page(table)
         # Written first: what cannot be printed is not lost.
         if self.page is not None:
-            write_atomic(self.page, page_with(text, self.page).encode())
+            write_page(text, self.page)
         print(text)
         return 0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -14,13 +14,14 @@ from surefoot.cli.arguments import sort_arguments
 from surefoot.cli.command_line import read_options
 from surefoot.cli.options import (
     OnCommands,
+    OnDevice,
     OnGait,
     OnRobot,
     OnSimulator,
     OnWorkers,
     config_of_gait,
 )
-from surefoot.cli.outputs import Output, check_outputs, check_run_folder
+from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import METHODS as METHOD_CONFIGS
 from surefoot.config import Config
 from surefoot.config.presets import preset
@@ -43,7 +44,7 @@ class TrainReport:
 
 
 @dataclass(frozen=True)
-class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
+class Train(OnWorkers, OnDevice, OnCommands, OnGait, OnRobot, OnSimulator):
     """Train a policy, for example with `surefoot train loco_safe_dagger`.
 
     For another robot, another gait or other commands than Solo12's trot straight ahead, what they
@@ -63,8 +64,6 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
     and `paper`, with the paper's numbers and simulator, hours."""
     run: Path | None = None
     """The folder of the run; without it, runs/METHOD-PRESET."""
-    device: Literal["auto", "cpu", "cuda"] | None = None
-    """The device that trains the network; without it, the configured one: a GPU if there is one."""
     resume: bool = False
     """Resume the run in that folder, from the first stage that is not done."""
     track: Literal["tensorboard", "wandb", "trackio"] | None = None
@@ -85,7 +84,6 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
 
         workers = self.spread
         folder = self.run or Path("runs") / f"{self.method}-{self.preset}"
-        check_run_folder(folder)
         check_outputs(self, [Output("--json", self.json)], new_run=folder)
         if (folder / ATTEMPTS_FILE).exists():
             raise RunError(
@@ -95,8 +93,7 @@ class Train(OnWorkers, OnCommands, OnGait, OnRobot, OnSimulator):
         if self.resume and not (folder / CONFIG_FILE).exists():
             print(f"there is no run in {folder} to resume: it begins now", file=sys.stderr)
         config = self.with_commands(self.with_robot(self.simulated(self.config)))
-        if self.device is not None:
-            config = replace(config, training=replace(config.training, device=self.device))
+        config = self.with_device(config)
         config = config_for(folder, config, self.resume)
         check_config(config)
         run = create(folder, config, self.resume)
@@ -127,7 +124,7 @@ def parse_train(args: Sequence[str]) -> Train:
     arguments = sort_arguments(args, Train)
     if arguments.positional:
         method = arguments.positional[0]
-        name = arguments.values.get("--preset", "default")
+        name = arguments.values.get("--preset", ["default"])[0]
         config = config_of_gait(args, Train, preset(method, name))
         default = Train(method, name, config=config)
         return read_options(Train, args, program, default)

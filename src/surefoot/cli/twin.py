@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from surefoot.cli.view import HIGHEST_PORT
+from surefoot.cli.options import check_port
 from surefoot.config.twin import TwinConfig
 from surefoot.types import TICKS_PER_SECOND
 
@@ -69,8 +69,7 @@ class RunTwin:
         Raises:
             ValueError: There is no such port or duration, or a link that no lockstep can have.
         """
-        if not 0 <= self.port <= HIGHEST_PORT:
-            raise ValueError(f"--port {self.port}: use 0 to {HIGHEST_PORT}; 0 takes any free one")
+        check_port(self.port)
         if self.seconds is not None and not 0.0 < self.seconds < math.inf:
             raise ValueError(f"--seconds {self.seconds:g}: use more than 0, or leave it out")
         link = self.config.link

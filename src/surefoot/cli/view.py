@@ -11,10 +11,7 @@ from typing import Annotated
 
 import tyro
 
-from surefoot.cli.options import OnSimulator
-
-HIGHEST_PORT = 65535
-"""The largest number of a port."""
+from surefoot.cli.options import OnSimulator, check_port
 
 
 @dataclass(frozen=True)
@@ -48,8 +45,7 @@ class View(OnSimulator):
         from surefoot.viz.browser import Page
         from surefoot.viz.live_setup import find_setup
 
-        if not 0 <= self.port <= HIGHEST_PORT:
-            raise ValueError(f"--port {self.port}: use 0 to {HIGHEST_PORT}; 0 takes any free one")
+        check_port(self.port)
         setup = find_setup(self.target, self.robot, self.gait)
         setup = replace(setup, config=self.simulated(setup.config))
         run = self.target if self.target is not None and self.target.is_dir() else None

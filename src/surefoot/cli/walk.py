@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from surefoot.cli.command_line import read_options
+from surefoot.cli.episodes import film_episode, show_record, warn_of_divergence
 from surefoot.cli.options import (
     OnGait,
     OnHardware,
@@ -19,9 +20,6 @@ from surefoot.cli.options import (
     check_seconds,
     check_velocity,
     config_of_gait,
-    film_episode,
-    show_record,
-    warn_of_divergence,
 )
 from surefoot.cli.outputs import Output, check_outputs, film_outputs
 from surefoot.cli.progress import seconds_bar
@@ -111,7 +109,7 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
         from surefoot.rollouts.episodes import Episodes
         from surefoot.rollouts.jobs import Job, play_out
         from surefoot.scenarios.gait_switches import in_turn
-        from surefoot.viz.film import Recording, in_words
+        from surefoot.viz.film import Recording, command_in_words
         from surefoot.viz.replay import standing_start
 
         check_seconds(self.seconds)
@@ -134,7 +132,7 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
         if self.video:
             q = rollouts.q[0, : max(int(rollouts.length[0]), 1)]
             recording = Recording(robot, config.simulation, q, ground=rollouts.ground)
-            film_episode(recording, self.out, f"expert, {in_words(command)}")
+            film_episode(recording, self.out, f"expert, {command_in_words(command)}")
         return int(rollouts.failed[0])
 
 

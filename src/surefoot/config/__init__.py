@@ -9,7 +9,7 @@ check themselves when they are made (`surefoot.config.checked`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 from surefoot.config.budget import BudgetConfig
 from surefoot.config.checked import Checked, Within
@@ -109,7 +109,6 @@ __all__ = [
     "TeachingSplit",
     "TrainingConfig",
     "method_config",
-    "method_name",
     "simulated",
 ]
 
@@ -126,8 +125,6 @@ class Config(Checked):
         ValueError: A field is out of its range, there are more than `MOST_GAITS` gaits, or one of
             them is there twice.
     """
-
-    section: ClassVar[str] = ""
 
     method: MethodConfig = field(default_factory=LocoSafeDaggerConfig)
     seed: Annotated[int, Within(0, 2**63 - 1)] = 0
@@ -192,8 +189,3 @@ class Config(Checked):
 def simulated(config: Config, backend: Backend) -> Config:
     """The configuration, on another simulator."""
     return replace(config, simulation=replace(config.simulation, backend=backend))
-
-
-def method_name(config: Config) -> str:
-    """The key in `METHODS` of the configured method."""
-    return config.method.name

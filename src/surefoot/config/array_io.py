@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from typing import ClassVar, Protocol, TypeVar, get_args, get_origin, get_type_hints
@@ -71,20 +72,27 @@ def _check_arrays(arrays: Mapping[str, NDArray], kind: type[ArrayRecord]) -> Non
     known = {field.name: field for field in fields(kind)}
     if extra := sorted(arrays.keys() - known.keys()):
         raise ValueError(f"it has {shown(extra[0])}, which {kind.__name__} has not")
-    hints = get_type_hints(kind)
+    expected_types = _dtypes_of(kind)
     lengths: dict[str, int] = {}
     for name, field in known.items():
         if name not in arrays:
             if field.default is MISSING and field.default_factory is MISSING:
                 raise ValueError(f"it lacks {name}")
             continue
-        expected = _dtype_of(hints[name])
+        expected = expected_types[name]
         actual = arrays[name].dtype
         # The type of text contains the length of the longest string.
         if actual != expected and not actual.kind == expected.kind == "U":
             raise ValueError(f"{name} holds {actual}, expected {expected}")
         shape = kind.shapes.get(name, ("n",))
         _check_shape(name, arrays[name].shape, shape, lengths)
+
+
+@cache
+def _dtypes_of(kind: type[ArrayRecord]) -> Mapping[str, np.dtype]:
+    """The dtype of each field of a dataclass of arrays."""
+    hints = get_type_hints(kind)
+    return {field.name: _dtype_of(hints[field.name]) for field in fields(kind)}
 
 
 def _dtype_of(hint: object) -> np.dtype:
@@ -165,12 +173,13 @@ def _read_array(archive: ZipFile, member: ZipInfo) -> NDArray:
     name = shown(member.filename)
     if np.lib.format.read_magic(packed) != (1, 0):
         raise ValueError(f"{name} has an unknown version")
-    shape, _, dtype = np.lib.format.read_array_header_1_0(packed)
+    shape, by_column, dtype = np.lib.format.read_array_header_1_0(packed)
     if dtype.kind not in _ARRAY_KINDS or dtype.itemsize == 0:
         raise ValueError(f"{name} holds {dtype}, which is neither numbers nor text")
     expected = math.prod(shape) * dtype.itemsize
     present = member.file_size - packed.tell()
     if min(shape, default=0) < 0 or expected != present:
         raise ValueError(f"{name} needs {expected} bytes for {shape} {dtype}, and has {present}")
-    packed.seek(0)
-    return np.lib.format.read_array(packed, allow_pickle=False)
+    order = "F" if by_column else "C"
+    # A copy, because the bytes that were read are not kept.
+    return np.ndarray(shape, dtype, packed.getbuffer(), packed.tell(), order=order).copy(order)

@@ -122,14 +122,14 @@ def check_values(kind: type, values: Iterable[tuple[str, object]], path: str) ->
     Raises:
         ValueError: A value has the wrong type, or is out of range.
     """
-    hints = _annotations(kind)
+    hints = annotations_of(kind)
     for name, value in values:
         _check(value, hints[name], f"{path}.{name}" if path else name)
 
 
 @cache
-def _annotations(kind: type) -> Mapping[str, Annotation]:
-    """The annotations of a class's fields, with their ranges."""
+def annotations_of(kind: type) -> Mapping[str, Annotation]:
+    """The annotations of a dataclass's fields by their names, with what they say of them."""
     return get_type_hints(kind, include_extras=True)
 
 

@@ -5,7 +5,7 @@ message about an unknown key names the closest one that exists; a missing key or
 wrong type is named, too. A class with a class variable `name` (the methods' parameters) is written
 with that name, which identifies it when it is read; a class with a table `renamed` still reads its
 former keys. A number that is not finite, which JSON cannot represent, becomes null; it is read back
-as NaN. `json_text` reads the files.
+as NaN, except in configurations, whose numbers are finite. `json_text` reads the files.
 """
 
 from __future__ import annotations
@@ -84,7 +84,8 @@ def from_json(kind: type[Record], values: object, where: str = "") -> Record:
             raise ValueError(unknown("key", path + _text(key), (path + known for known in hints)))
         if name in arguments:
             raise ValueError(f"{path}{name} is there twice: also under its former name")
-        arguments[name] = _value(hints[name], value, path + key)
+        # The numbers of a configuration are finite: there, null is not NaN.
+        arguments[name] = _value(hints[name], value, path + key, not issubclass(kind, Checked))
     missing = [name for name in _required(kind) if name not in arguments]
     if missing:
         raise ValueError(f"{where or kind.__name__} lacks {', '.join(missing)}")
@@ -185,17 +186,26 @@ def _mapping(value: object, path: str) -> Mapping[str, Any]:
     return value
 
 
-def _value(hint: Any, value: Any, path: str) -> Any:
-    """A JSON value as the type of its field."""
+def _value(hint: Any, value: Any, path: str, has_nan: bool = False) -> Any:
+    """A JSON value as the type of its field.
+
+    Args:
+        hint: The type.
+        value: The JSON value.
+        path: Its dotted path, for messages.
+        has_nan: Whether null stands for NaN if a number is expected.
+    """
     origin = get_origin(hint)
     if origin in (Union, UnionType):
-        return _one_of(get_args(hint), value, path)
+        return _one_of(get_args(hint), value, path, has_nan)
     if origin is tuple:
-        return _tuple(get_args(hint), value, path)
+        return _tuple(get_args(hint), value, path, has_nan)
     if origin in (dict, Mapping):
         key_kind, kind = get_args(hint)
         return {
-            _value(key_kind, key, f"key of {path}"): _value(kind, item, f"{path}.{_text(key)}")
+            _value(key_kind, key, f"key of {path}"): _value(
+                kind, item, f"{path}.{_text(key)}", has_nan
+            )
             for key, item in _mapping(value, path).items()
         }
     if origin is Literal:
@@ -204,6 +214,8 @@ def _value(hint: Any, value: Any, path: str) -> Any:
         return value
     if isinstance(hint, type) and is_dataclass(hint):
         return from_json(hint, value, path)
+    if hint is float and value is None and has_nan:
+        return math.nan
     return _plain(hint, value, path)
 
 
@@ -213,8 +225,6 @@ def _plain(hint: Any, value: Any, path: str) -> Any:
         return value
     if hint is Path and isinstance(value, str):
         return Path(value)
-    if hint is float and value is None:
-        return math.nan
     if hint is float and type(value) is int and abs(value) <= sys.float_info.max:
         return float(value)
     if type(value) is not hint:
@@ -227,7 +237,7 @@ def _text(value: Any) -> str:
     return value if isinstance(value, str) and len(value) <= 200 else shown(value)
 
 
-def _one_of(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
+def _one_of(kinds: tuple[Any, ...], value: Any, path: str, has_nan: bool) -> Any:
     """A value of one of several types: null, the class that the value names, or the first to fit.
 
     Raises:
@@ -244,13 +254,13 @@ def _one_of(kinds: tuple[Any, ...], value: Any, path: str) -> Any:
         return from_json(named[name], value, path)
     for kind in kinds[:-1]:
         try:
-            return _value(kind, value, path)
+            return _value(kind, value, path, has_nan)
         except ValueError:
             continue
-    return _value(kinds[-1], value, path)
+    return _value(kinds[-1], value, path, has_nan)
 
 
-def _tuple(kinds: tuple[Any, ...], value: Any, path: str) -> tuple[Any, ...]:
+def _tuple(kinds: tuple[Any, ...], value: Any, path: str, has_nan: bool) -> tuple[Any, ...]:
     """A list as a tuple of the length and types that its field has."""
     if not isinstance(value, list | tuple):
         raise ValueError(f"{path} is {shown(value)}, expected a list")
@@ -259,4 +269,6 @@ def _tuple(kinds: tuple[Any, ...], value: Any, path: str) -> tuple[Any, ...]:
     if len(value) != len(kinds):
         raise ValueError(f"{path} is {shown(value)}, expected {len(kinds)} values")
     pairs = zip(kinds, value, strict=True)
-    return tuple(_value(kind, item, f"{path}[{n}]") for n, (kind, item) in enumerate(pairs))
+    return tuple(
+        _value(kind, item, f"{path}[{n}]", has_nan) for n, (kind, item) in enumerate(pairs)
+    )

@@ -290,6 +290,11 @@ METHODS: Mapping[str, type[MethodConfig]] = {
 """Methods and their parameters, in the paper's order; DART is not in the paper."""
 
 
+def blocking_of(method: MethodConfig) -> LocoSafeDaggerConfig:
+    """The parameters of a takeover: the method's own, or the paper's if it has none."""
+    return method if isinstance(method, LocoSafeDaggerConfig) else LocoSafeDaggerConfig()
+
+
 def method_config(name: str) -> MethodConfig:
     """The paper's parameters of a method.
 

@@ -8,49 +8,22 @@ of what the paper does, `default` is the same protocol made cheap, `quick` is a 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from surefoot.config import (
     BehaviorCloningConfig,
-    CommandBox,
     Config,
     DisturbanceConfig,
-    ExpertConfig,
     ExpertData,
-    Gait,
     IterativeConfig,
     LocoSafeDaggerConfig,
     PolicyConfig,
-    RobotConfig,
     SimulationConfig,
     TrainingConfig,
     method_config,
 )
-from surefoot.config.mpc import GroundRule
+from surefoot.config.expert_rules import published_rules
 from surefoot.errors import unknown
-
-
-@dataclass(frozen=True)
-class Rules:
-    """Rules that keep turns from drifting outward and let robots reach the commanded velocity.
-
-    Attributes:
-        capture_share: As `ExpertConfig.capture_share`.
-        turn_compensation: As `ExpertConfig.turn_compensation` [s].
-    """
-
-    capture_share: float
-    turn_compensation: float
-
-
-STRAIGHT_TROT = "solo12-trot-v1"
-"""The packaged set of initial states: Solo12 trots straight ahead, at 0 to 0.3 m/s."""
-TROT_GAIN = (1.15, 1.08, 1.28)
-"""The command gains of Solo12's trot, measured in both simulators."""
-FIRST = Rules(capture_share=0.0, turn_compensation=0.0)
-"""The rules of `STRAIGHT_TROT`."""
-ALL_ROUND = Rules(capture_share=0.25, turn_compensation=0.3)
-"""The rules for any gait and any command of a box."""
 
 # Many short recoveries teach more than a few long ones: after 0.8 s the trot has settled.
 _SHORT = ExpertData(velocities=10, perturbations=2, nominal=True, duration=0.8)
@@ -157,83 +130,3 @@ PRESETS: dict[str, Callable[[str], Config]] = {
     "paper": paper,
 }
 """The presets by name; each makes the configuration of a method."""
-
-
-def published_rules(config: Config) -> Config:
-    """The expert's rules as BiConMP publishes them: footholds and commands without feedback."""
-    expert = replace(config.expert, foothold_rule="published", command_gain=(1.0, 1.0, 1.0))
-    return replace(config, expert=expert)
-
-
-def is_solo12_trot(config: Config) -> bool:
-    """Whether robot and gait are those for which the expert's first values were measured."""
-    is_solo12 = config.robot.spec is None and config.robot.model == RobotConfig().model
-    return is_solo12 and config.gait.timing == Gait().timing
-
-
-def straight_trot(config: Config) -> bool:
-    """Whether robot, gait and commands are those of the initial states `STRAIGHT_TROT`."""
-    return is_solo12_trot(config) and config.commands == CommandBox()
-
-
-def ground_for(config: Config) -> GroundRule:
-    """The ground on which motions are planned by default.
-
-    It follows the feet where a robot may meet ground that is not level.
-    """
-    published = config.expert.foothold_rule == "published"
-    return "level" if published or config.simulation.terrain is None else "feet"
-
-
-def with_ground(config: Config) -> Config:
-    """The configuration of one gait, with the ground that it plans on if it has a terrain.
-
-    Without a terrain, the ground stays None, which means level, as in files of earlier versions.
-    """
-    if config.simulation.terrain is None or config.expert.ground is not None:
-        return config
-    return replace(config, expert=replace(config.expert, ground=ground_for(config)))
-
-
-def with_earlier_ground(config: Config) -> Config:
-    """The configuration of an existing run, with the ground that its expert plans on.
-
-    Since the ground became an option, a run on a terrain has stored it. An earlier run planned on
-    level ground, and continues to.
-
-    Args:
-        config: The configuration as it is in the run's file.
-    """
-    if config.simulation.terrain is None:
-        return config
-    others = tuple(
-        other if other.expert is None else replace(other, expert=_on_level(other.expert))
-        for other in config.other_gaits
-    )
-    return replace(config, expert=_on_level(config.expert), other_gaits=others)
-
-
-def _on_level(expert: ExpertConfig) -> ExpertConfig:
-    """The same expert, on level ground if it has no other."""
-    return expert if expert.ground is not None else replace(expert, ground="level")
-
-
-def rules_for(config: Config) -> Rules:
-    """The default rules of the expert for turns, and for gaits that are slower than commanded.
-
-    The robot, gait and commands of `STRAIGHT_TROT` keep their rules; BiConMP has none.
-    """
-    published = config.expert.foothold_rule == "published"
-    return FIRST if straight_trot(config) or published else ALL_ROUND
-
-
-def with_rules(config: Config, commands: CommandBox | None = None) -> Config:
-    """The configuration with the rules of robot, gait and commands (`rules_for`) in place of None.
-
-    Args:
-        config: A configuration of one gait.
-        commands: The commands whose rules to use; None uses the configuration's own.
-    """
-    rules = vars(rules_for(replace(config, commands=commands or config.commands)))
-    missing = {name: rules[name] for name in rules if vars(config.expert)[name] is None}
-    return replace(config, expert=replace(config.expert, **missing))

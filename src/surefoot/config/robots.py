@@ -131,6 +131,16 @@ class RobotSpec(Checked):
                     "it where the legs differ"
                 )
 
+    @property
+    def source_joints(self) -> tuple[str, ...]:
+        """The names of the twelve joints in the URDF, leg by leg."""
+        return tuple(name.replace("{leg}", leg) for leg in self.legs for name in self.joints)
+
+    @property
+    def source_feet(self) -> tuple[str, ...]:
+        """The names of the four feet in the URDF."""
+        return tuple(self.foot.replace("{leg}", leg) for leg in self.legs)
+
 
 @dataclass(frozen=True)
 class RobotConfig(Checked):

@@ -16,6 +16,8 @@ from surefoot.errors import shown, unknown
 
 Backend = Literal["mujoco", "bullet"]
 """Names of the physics engines."""
+SIMULATOR_NAMES: dict[Backend, str] = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
+"""The simulators as their authors write them."""
 TerrainKind = Literal["flat", "bumps", "blocks", "slope", "stairs"]
 """Kinds of ground.
 

@@ -9,9 +9,11 @@ the studies that come with the package, and `surefoot.study` for the code that r
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Annotated, ClassVar, Literal, TypeVar
 
 from surefoot.config import METHODS, Config
@@ -213,7 +215,7 @@ class StudyConfig(Checked):
             self.measurement(comparison.measurement)
         for technique in self.techniques:
             for setting in self.settings:
-                config = config_of(technique, setting, self.seeds[0])
+                config = config_of(technique, setting)
                 for measurement in self.measurements:
                     measured_config(config, measurement)
 
@@ -242,18 +244,16 @@ class StudyConfig(Checked):
         return _part("measurement", name, {part.name: part for part in self.measurements})
 
 
-def config_of(
-    technique: Technique, setting: Setting, seed: int, base: Config | None = None
-) -> Config:
-    """The configuration of a cell's run.
+def config_of(technique: Technique, setting: Setting, base: Config | None = None) -> Config:
+    """The configuration of a technique's runs under a setting, without the seed of each.
 
-    The expert has no method; its configuration is that of behavior cloning, of which only what the
+    Its seed is that of the preset or of `base`: each cell has its own (`surefoot.study.cells`). The
+    expert has no method; its configuration is that of behavior cloning, of which only what the
     expert needs is used.
 
     Args:
         technique: The technique.
         setting: The setting, whose options come after those of the technique.
-        seed: Seed of the run.
         base: What the options change; without it the technique's preset.
 
     Raises:
@@ -263,7 +263,7 @@ def config_of(
     config = base or preset(method, technique.preset)
     for part in (technique, setting):
         config = with_options(config, part.options, f"{part.section}.{part.name}")
-    return replace(config, seed=seed)
+    return config
 
 
 def measured_config(config: Config, measurement: Measurement) -> Config:
@@ -306,9 +306,22 @@ def with_options(config: Config, options: Options, where: str) -> Config:
             raise ValueError(f"{where}: {unknown('option', name, (path + key for key in section))}")
         section[last] = value
     try:
-        return from_json(Config, values)
+        return _config_of(json.dumps(values))
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from error
+
+
+@lru_cache(maxsize=1024)
+def _config_of(text: str) -> Config:
+    """The configuration of a JSON text: whoever reads a study checks the same ones again.
+
+    Args:
+        text: The text.
+
+    Raises:
+        ValueError: An option does not exist, or its value is out of range.
+    """
+    return from_json(Config, json.loads(text))
 
 
 def _part(kind: str, name: str, parts: Mapping[str, Part]) -> Part:

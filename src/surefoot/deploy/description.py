@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -121,8 +122,8 @@ class PolicyDescription:
         kinematics: The robot's geometry and masses.
         provenance: Anything about the origin of the policy, as JSON values by name.
         policy_sha256: SHA-256 of the policy file that was exported.
+        bounds: The safety bounds that it was trained under; None if unknown.
         sha256: SHA-256 of this file, with the digits of the hash replaced by zeros.
-        bounds: The safety bounds that it was trained under; None if unknown, as in older files.
 
     Raises:
         ValueError: A list does not have one value for each joint, or a number is out of range.
@@ -154,8 +155,8 @@ class PolicyDescription:
     kinematics: KinematicTable
     provenance: Any
     policy_sha256: str
+    bounds: SafetyBounds | None
     sha256: str = NO_HASH
-    bounds: SafetyBounds | None = None
 
     def __post_init__(self) -> None:
         """Check lengths and ranges."""
@@ -173,7 +174,7 @@ class PolicyDescription:
         if min(self.kp) <= 0.0 or min(self.kd) < 0.0 or min(self.torque_limit) <= 0.0:
             raise ValueError("kp and torque_limit must be positive, and kd not negative")
 
-    @property
+    @cached_property
     def spec(self) -> ObservationSpec:
         """The same layout, in the form that the rest of the package uses.
 

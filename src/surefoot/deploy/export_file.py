@@ -6,11 +6,8 @@ Read `policy` next, which runs what was read, and `description` for what a file 
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 from surefoot.config.json_io import from_json
 from surefoot.config.json_text import parse_json, read_file
@@ -22,6 +19,7 @@ from surefoot.deploy.description import (
     file_hash,
 )
 from surefoot.errors import shown
+from surefoot.learning.onnx_graph import open_session
 from surefoot.types import JOINTS
 
 MOST_BYTES = 300_000_000
@@ -47,18 +45,13 @@ class ExportFile:
 
 
 def read_export(
-    path: Path | str,
-    robot: str | None = None,
-    joints: tuple[str, ...] | None = None,
-    layout: str | None = None,
+    path: Path | str, robot: str | None = None, layout: str | None = None
 ) -> ExportFile:
     """Read and check an exported file.
 
     Args:
         path: The file.
         robot: Name of the robot that it must be made for; None accepts any.
-        joints: ``(12,)`` names of the robot's joints, in the order in which it sends them; None is
-            the order of `JOINTS`.
         layout: Name of the layout that it must have; None accepts any.
 
     Raises:
@@ -87,7 +80,7 @@ def read_export(
     description = _description(path, content, metadata[KEY])
     try:
         _check_gaits(description)
-        _check_made_for(description, metadata, robot, joints, layout)
+        _check_made_for(description, metadata, robot, layout)
         if description.kind == "network":
             _check_sizes(description, content)
     except ValueError as error:
@@ -97,46 +90,21 @@ def read_export(
 
 def _content(path: Path) -> bytes:
     """The bytes of a file, if an exported file may be that large."""
+    size = path.stat().st_size
+    if size > MOST_BYTES:
+        raise ExportFileError(f"{path} has {size} bytes; at most {MOST_BYTES} are read")
     try:
-        content = read_file(path)
+        return read_file(path)
     except ValueError as error:
         raise ExportFileError(str(error)) from error
-    if len(content) > MOST_BYTES:
-        raise ExportFileError(f"{path} has {len(content)} bytes; at most {MOST_BYTES} are read")
-    return content
-
-
-def import_onnxruntime() -> ModuleType:
-    """Import ONNX Runtime.
-
-    Raises:
-        ImportError: It is missing; the message says how to install it.
-    """
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    try:
-        import onnxruntime
-    except ImportError as error:
-        raise ImportError(
-            f"ONNX Runtime is missing ({error}); `pip install onnxruntime` installs it"
-        ) from error
-    return onnxruntime
-
-
-def open_session(content: bytes) -> Any:
-    """A session that runs a graph, on one core."""
-    onnxruntime = import_onnxruntime()
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 4
-    return onnxruntime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
 
 
 def _metadata(path: Path, content: bytes) -> dict[str, str]:
     """The metadata of a file."""
-    import_onnxruntime()
     try:
         return dict(open_session(content).get_modelmeta().custom_metadata_map)
+    except ImportError:
+        raise
     except Exception as error:  # whatever ONNX Runtime raises about a damaged file
         reason = " ".join(str(error).split())[:200]
         raise ExportFileError(f"{path} is not a whole ONNX file ({reason}); {_AGAIN}") from error
@@ -185,13 +153,9 @@ def _check_gaits(description: PolicyDescription) -> None:
 
 
 def _check_made_for(
-    description: PolicyDescription,
-    metadata: dict[str, str],
-    robot: str | None,
-    joints: tuple[str, ...] | None,
-    layout: str | None,
+    description: PolicyDescription, metadata: dict[str, str], robot: str | None, layout: str | None
 ) -> None:
-    """Check that a file was made for this robot, its joints and this layout.
+    """Check that a file was made for this robot, the order of `JOINTS` and this layout.
 
     Raises:
         ValueError: It was not.
@@ -201,22 +165,21 @@ def _check_made_for(
             f"is a policy of the robot {description.robot!r}, not of {robot!r}; export one that "
             f"was trained on {robot}"
         )
-    for order, owner in ((JOINTS, "this version of surefoot"), (joints, "the robot")):
-        if order is None or tuple(description.joints) == tuple(order):
-            continue
-        if sorted(description.joints) == sorted(order):
-            place = next(i for i in range(12) if description.joints[i] != order[i])
+    joints = description.joints
+    if joints != JOINTS:
+        if sorted(joints) == sorted(JOINTS):
+            place = next(i for i in range(12) if joints[i] != JOINTS[i])
             raise ValueError(
-                f"has the joints in another order than {owner}: joint {place} is "
-                f"{description.joints[place]}, and there {order[place]}; its weights belong to its "
+                "has the joints in another order than this version of surefoot: joint "
+                f"{place} is {joints[place]}, and there {JOINTS[place]}; its weights belong to its "
                 "own order, so do not rename them: send and take joints in the order of the file, "
                 "or export the policy again"
             )
         raise ValueError(
-            f"has other joints than {owner}, {shown(description.joints)}, expected {shown(order)}; "
-            "export a policy that was trained on this robot"
+            f"has other joints than this version of surefoot, {shown(joints)}, expected "
+            f"{shown(JOINTS)}; export a policy that was trained on this robot"
         )
-    if metadata.get("joint_names", ",".join(description.joints)) != ",".join(description.joints):
+    if metadata.get("joint_names", ",".join(joints)) != ",".join(joints):
         raise ValueError(
             "names its joints twice, in different orders (`joint_names` and `surefoot`); export "
             "the policy again"

@@ -90,11 +90,6 @@ class Blocking:
         self._block = block
         self._since: int | None = None  # the tick of the takeover; None: the policy drives
 
-    @property
-    def blocked(self) -> bool:
-        """Whether the expert had to drive in the previous tick."""
-        return self._since is not None
-
     def is_blocked(self, unsafe: bool, tick: int) -> bool:
         """Whether the expert has to drive in this tick; to be called once per tick.
 
@@ -106,7 +101,7 @@ class Blocking:
             self._since = tick if unsafe else None
         elif not unsafe and tick - self._since >= self._block:
             self._since = None
-        return self.blocked
+        return self._since is not None
 
 
 class GateSwitch:

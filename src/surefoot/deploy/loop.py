@@ -201,7 +201,7 @@ class Runtime:
         elif command is not None:
             self._robot.write(command)
         self._last_command = command
-        self._record(sensors, command, velocity, (begun, measured))
+        self._record(sensors, command, velocity, begun, measured)
 
     def _wrong(self, sensors: Sensors, wish: Wish) -> tuple[FaultKind, str] | None:
         """The first fault of measurement, operator or deadlines; None if all is well."""
@@ -342,10 +342,18 @@ class Runtime:
         sensors: Sensors,
         command: JointCommand | None,
         velocity: Command,
-        times: tuple[int, int],
+        begun: int,
+        measured: int,
     ) -> None:
-        """Count and record a tick."""
-        begun, measured = times
+        """Count and record a tick.
+
+        Args:
+            sensors: What was measured.
+            command: The command to the joints; None if there was none.
+            velocity: The commanded velocity.
+            begun: The runtime's clock when the tick began [ns].
+            measured: The runtime's clock when the measurement was there [ns].
+        """
         work_ns = self._clock() - measured
         round_trip = self._robot.round_trip_ns * MICROSECOND
         if command is not None:

@@ -34,26 +34,19 @@ UNKNOWN_BASE = BaseEstimate(0.0, np.zeros(3))
 """Stands for the base where nothing measures it and the layout does not need it."""
 
 
-def load(
-    path: Path | str,
-    robot: str | None = None,
-    joints: tuple[str, ...] | None = None,
-    layout: str | None = None,
-) -> OnnxPolicy:
+def load(path: Path | str, robot: str | None = None, layout: str | None = None) -> OnnxPolicy:
     """Read a policy that `surefoot export POLICY --onnx FILE` wrote; see `read_export`.
 
     Args:
         path: The file.
         robot: Name of the robot that it must be made for; None accepts any.
-        joints: ``(12,)`` names of the robot's joints, in the order in which it sends them; None is
-            the order of `JOINTS`.
         layout: Name of the layout that it must have; None accepts any.
 
     Raises:
         FileNotFoundError: There is no such file.
         ExportFileError: It cannot be run, or must not be run on this robot.
     """
-    file = read_export(path, robot, joints, layout)
+    file = read_export(path, robot, layout)
     if file.description.kind != "network":
         raise ExportFileError(
             f"{file.path} holds the whole {file.description.kind}, and this runs the network "

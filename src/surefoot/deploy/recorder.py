@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import ClassVar, NamedTuple
 
@@ -24,6 +24,24 @@ from surefoot.types import JOINTS, TICKS_PER_SECOND, Array, Command, IntArray
 SECONDS = 10
 """[s] How much is kept."""
 _JOINTS = len(JOINTS)
+_WIDTHS = {
+    "command": 3,
+    "joint_position": _JOINTS,
+    "joint_velocity": _JOINTS,
+    "joint_torque": _JOINTS,
+    "orientation": 4,
+    "angular_velocity": 3,
+    "acceleration": 3,
+    "base": 4,
+    "position": _JOINTS,
+    "velocity": _JOINTS,
+    "kp": _JOINTS,
+    "kd": _JOINTS,
+    "torque": _JOINTS,
+    "work_us": 1,
+    "round_trip_us": 1,
+}
+"""How many numbers of each kind are kept of a tick, in the order of a row."""
 
 
 @dataclass(frozen=True)
@@ -55,27 +73,11 @@ class Flight:
         work_us: ``(n,)`` from the measurement to the written command [us].
         round_trip_us: ``(n,)`` from a command to the state that answers it [us].
         gait_tick: ``(n,)`` the gait clock [ms]; -1 where the robot was not driven.
-        gait: ``(n,)`` the number of the gait that was walked; 0 where the robot was not driven, and
-            everywhere in files of earlier versions, which did not record it.
+        gait: ``(n,)`` the number of the gait that was walked; 0 where the robot was not driven.
     """
 
-    shapes: ClassVar[Mapping[str, Shape]] = {
-        "robot": (),
-        "fault": (),
-        "detail": (),
-        "command": ("n", 3),
-        "joint_position": ("n", _JOINTS),
-        "joint_velocity": ("n", _JOINTS),
-        "joint_torque": ("n", _JOINTS),
-        "orientation": ("n", 4),
-        "angular_velocity": ("n", 3),
-        "acceleration": ("n", 3),
-        "base": ("n", 4),
-        "position": ("n", _JOINTS),
-        "velocity": ("n", _JOINTS),
-        "kp": ("n", _JOINTS),
-        "kd": ("n", _JOINTS),
-        "torque": ("n", _JOINTS),
+    shapes: ClassVar[Mapping[str, Shape]] = {"robot": (), "fault": (), "detail": ()} | {
+        name: ("n", width) for name, width in _WIDTHS.items() if width > 1
     }
 
     robot: NDArray[np.str_]
@@ -101,13 +103,8 @@ class Flight:
     torque: Array
     work_us: Array
     round_trip_us: Array
-    gait_tick: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    gait: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-
-    def __post_init__(self) -> None:
-        """Fill in the first gait where none is given."""
-        if len(self.gait) == 0:
-            object.__setattr__(self, "gait", np.zeros(len(self.tick), np.int64))
+    gait_tick: IntArray
+    gait: IntArray
 
 
 class TickRecord(NamedTuple):
@@ -133,29 +130,12 @@ class TickRecord(NamedTuple):
     gait_tick: int
     work_us: float
     round_trip_us: float
-    gait: int = 0
+    gait: int
 
 
 # A row has all numbers of a tick side by side. Rows are allocated one by one: when a part of one
 # large array is first touched, the system takes several ms, in the middle of a tick.
 _INTEGERS = ("tick", "time_ns", "robot_time_ns", "mode", "expert_drove", "gait_tick", "gait")
-_WIDTHS = {
-    "command": 3,
-    "joint_position": _JOINTS,
-    "joint_velocity": _JOINTS,
-    "joint_torque": _JOINTS,
-    "orientation": 4,
-    "angular_velocity": 3,
-    "acceleration": 3,
-    "base": 4,
-    "position": _JOINTS,
-    "velocity": _JOINTS,
-    "kp": _JOINTS,
-    "kd": _JOINTS,
-    "torque": _JOINTS,
-    "work_us": 1,
-    "round_trip_us": 1,
-}
 _NO_BASE = np.full(_WIDTHS["base"], np.nan)
 _NO_COMMAND = np.full(5 * _JOINTS, np.nan)
 

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from surefoot.deploy import protocol
-from surefoot.deploy.bridge import MOST_DATAGRAMS, Address, Channel
+from surefoot.deploy.bridge import MOST_DATAGRAMS, Address, Channel, UdpChannel
 from surefoot.deploy.interfaces import (
     BaseEstimate,
     Clock,
@@ -254,6 +254,18 @@ class UdpRobot:
             base=base,
             faults=state.faults,
         )
+
+
+def robot_at(peer: Address, lockstep: bool) -> UdpRobot:
+    """The robot behind a bridge, over a channel of its own.
+
+    Args:
+        peer: The address of the bridge.
+        lockstep: Whether the bridge ticks once for each command.
+    """
+    # Any local address is heard from the loopback interface only if the bridge is there too.
+    local = "127.0.0.1" if peer[0].startswith("127.") else "0.0.0.0"
+    return UdpRobot(UdpChannel(local), peer, lockstep=lockstep)
 
 
 def address_text(address: Address) -> str:

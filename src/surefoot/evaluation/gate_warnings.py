@@ -10,7 +10,7 @@ which the engine finds the robot fallen:
   most); without such an alarm it is 0.
 - The fall is announced if its lead time is at least 0.2 s.
 - A takeover is an alarm with no other takeover in the T_block before it, when the expert would
-  already be driving.
+  already be driving. T_block is the run's, or the paper's if its method has none.
 - A takeover is false if no fall follows within 1.5 s. If the episode ends before that, this is
   unknown, and neither the takeover nor the time counts.
 
@@ -30,6 +30,7 @@ import numpy as np
 from scipy.stats import chi2
 
 from surefoot.config import Config
+from surefoot.config.methods import blocking_of
 from surefoot.evaluation.statistics import Interval, percentiles, resamples, wilson
 from surefoot.learning.policy import Policy
 from surefoot.rollouts.arbiters import PolicyOnly
@@ -38,15 +39,13 @@ from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.rollouts.outcome import Outcome
 from surefoot.safety.gates import Gate
 from surefoot.scenarios.starts import starts_of
-from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, one_flag_each
+from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, one_flag_each, to_ticks
 from surefoot.workers import Workers, map_chunks
 
 LONGEST_LEAD = 1500
 """[ms] An alarm belongs to a fall if it comes at most this long before it."""
 SHORTEST_LEAD = 200
 """[ms] An alarm announces a fall if it comes at least this long before it."""
-BLOCK = 2000
-"""[ms] The shortest time between two takeovers (the paper's T_block)."""
 TICKS_PER_MINUTE = 60 * TICKS_PER_SECOND
 
 
@@ -99,6 +98,7 @@ class FallWarnings:
         starts_hash: SHA-256 of that set.
         split: Split of the set.
         episodes: Number of robots, one from each initial state.
+        T_block: How long the expert drives at least once it has taken over [s].
         falls: Number of robots that fell.
         fallen: Ids of the initial states from which they fell.
         gates: Name of each gate -> how well it warned.
@@ -108,6 +108,7 @@ class FallWarnings:
     starts_hash: str
     split: str
     episodes: int
+    T_block: float
     falls: int
     fallen: tuple[int, ...]
     gates: dict[str, GateWarnings]
@@ -147,8 +148,8 @@ def measure_warnings(
     """Run a policy alone from stored initial states, and evaluate gates in every tick.
 
     Args:
-        config: Robot and simulator; ``config.evaluation`` has the number and the duration of the
-            episodes, and the disturbance.
+        config: Robot, simulator and method, which may have a T_block; ``config.evaluation`` has
+            the number and the duration of the episodes, and the disturbance.
         policy: The policy or its file.
         gates: The gates by name.
         split: Split of the stored initial states.
@@ -173,15 +174,17 @@ def measure_warnings(
     parts = map_chunks(watch_chunk, chunks, workers, "gates")
     length = np.concatenate([part.length for part in parts])
     fell = np.concatenate([part.fell for part in parts])
+    T_block = blocking_of(config.method).T_block
     warnings = {}
     for name in gates:
         alarm = np.concatenate([part.alarm[name] for part in parts])
-        warnings[name] = warnings_of(alarm, length, fell)
+        warnings[name] = warnings_of(alarm, length, fell, to_ticks(T_block))
     return FallWarnings(
         starts=stored.name,
         starts_hash=stored.hash,
         split=split,
         episodes=len(starts),
+        T_block=T_block,
         falls=int(fell.sum()),
         fallen=tuple(starts.id[fell].tolist()),
         gates=warnings,
@@ -209,13 +212,14 @@ def watch_chunk(chunk: tuple[Job, dict[str, Gate]]) -> WatchedRobots:
     return WatchedRobots(alarm, rollouts.length, rollouts.outcome == Outcome.FELL)
 
 
-def warnings_of(alarm: BoolArray, length: IntArray, fell: BoolArray) -> GateWarnings:
+def warnings_of(alarm: BoolArray, length: IntArray, fell: BoolArray, block: int) -> GateWarnings:
     """How well one gate warned.
 
     Args:
         alarm: ``(n, T)`` True where the gate said unsafe.
         length: ``(n,)`` ticks simulated; for a robot that fell, the tick of its fall.
         fell: ``(n,)`` True for the robots that fell.
+        block: T_block [ms].
     """
     T = alarm.shape[1]
     # Takeovers before these ticks are known to be true or false: 1.5 s follow, or a fall.
@@ -223,7 +227,7 @@ def warnings_of(alarm: BoolArray, length: IntArray, fell: BoolArray) -> GateWarn
     number = np.zeros(len(alarm))
     false = np.zeros(len(alarm))
     for robot, row in enumerate(alarm):
-        ticks = takeovers(row)
+        ticks = takeovers(row, block)
         ticks = ticks[ticks < known[robot]]
         number[robot] = len(ticks)
         false[robot] = len(ticks) - (fell[robot] & (length[robot] - ticks <= LONGEST_LEAD)).sum()
@@ -311,14 +315,16 @@ def chance_share(alarm: BoolArray) -> float | None:
     return float((before[:, fall - SHORTEST_LEAD + 1] > before[:, fall - LONGEST_LEAD]).mean())
 
 
-def takeovers(alarm: BoolArray) -> IntArray:
+def takeovers(alarm: BoolArray, block: int) -> IntArray:
     """Ticks at which the expert of one robot would take over.
 
     Args:
         alarm: ``(T,)`` True where the gate said unsafe.
+        block: T_block [ms], how long the expert drives at least.
     """
     ticks: list[int] = []
     for tick in np.flatnonzero(alarm).tolist():
-        if not ticks or tick - ticks[-1] >= BLOCK:
+        # The expert hands back at the first safe tick from the end of the block on.
+        if not ticks or not alarm[ticks[-1] + block : tick].all():
             ticks.append(tick)
     return np.array(ticks, dtype=np.int64)

@@ -57,7 +57,7 @@ class ImitationError:
             [mrad].
         mirror_mrad: Mean absolute difference between the policy's answer to the mirrored state and
             its mirrored answer, left and right exchanged [mrad]; None if robot or gait have no such
-            mirror, and in files of earlier versions.
+            mirror.
     """
 
     starts: str
@@ -66,7 +66,7 @@ class ImitationError:
     states: int
     mean_mrad: float
     worst_mrad: float
-    mirror_mrad: float | None = None
+    mirror_mrad: float | None
 
 
 def imitation_error(config: Config, policy: Path, workers: Workers) -> ImitationError:

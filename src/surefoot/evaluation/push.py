@@ -70,7 +70,6 @@ def push_recovery(
     policy: Path | None,
     workers: Workers,
     plan: PlanFunction | None = None,
-    stored: StartSet | None = None,
 ) -> PushResult:
     """Largest impulse that a policy, or the expert, withstands from each direction.
 
@@ -80,13 +79,12 @@ def push_recovery(
         policy: File of the policy; None pushes the expert.
         workers: Processes that run the episodes.
         plan: The expert's MPC; None for the BiConMP-style planner.
-        stored: The set of initial states; None for that of the configuration.
 
     Raises:
         ValueError: The configuration has more speeds than the split.
     """
     config = with_own_values(config)
-    stored = stored or starts_of(config)
+    stored = starts_of(config)
     push = config.push
     starts = pushed_starts(push, stored)
     begin = Job(

@@ -1,12 +1,11 @@
 """Statistics of results: 95 % intervals, paired differences, and the run as the unit.
 
 A share of one policy has a Wilson interval, and a difference of shares on the same initial states
-has Newcombe's score interval for pairs. Other outcomes are resampled in a bootstrap (`resamples`).
-For several trainings, runs are resampled, and then the rollouts of each drawn run. A bootstrap of a
-sample without spread would claim certainty, so there is a score interval instead, or none. For the
-few runs of a study use `run_interval`, a t interval over run means. `study.run_statistics` has
-differences of two sets of runs. All draws come from a fixed seed, so the same data give the same
-interval. This module does not depend on robots. Next: `robustness`, `push`.
+has Newcombe's score interval for pairs. Other outcomes are resampled in a bootstrap (`resamples`),
+which would claim certainty of a sample without spread, so that such a sample has no interval. The
+mean over several trainings has a t interval over run means (`run_interval`), and
+`study.run_statistics` has differences of two sets of runs. All draws come from a fixed seed, so the
+same data give the same interval. This module does not depend on robots. Next: `robustness`, `push`.
 """
 
 from __future__ import annotations
@@ -54,8 +53,8 @@ class RunMeans:
 
     Attributes:
         mean: Mean of the runs' means, in the unit of the outcomes.
-        interval: The mean's 95 % interval over runs, from `run_interval` or `run_bootstrap`; None
-            for a single run, and if the outcomes show no spread.
+        interval: The mean's 95 % interval over runs, from `run_interval`; None for a single run,
+            and if the outcomes show no spread.
         runs: Mean of each run, in the order in which the runs were given.
     """
 
@@ -213,7 +212,7 @@ def check_paired(a: object, b: object, fields: Sequence[str]) -> None:
             )
 
 
-def run_interval(values_by_run: Sequence[ArrayLike], correlation: float = 0.0) -> RunMeans:
+def run_interval(values_by_run: Sequence[ArrayLike]) -> RunMeans:
     """Mean over training runs with a t interval; every run has the same weight.
 
     The run is the unit: with R runs of means m_r the interval is mean(m) +- t sd(m) / sqrt(R), with
@@ -222,50 +221,32 @@ def run_interval(values_by_run: Sequence[ArrayLike], correlation: float = 0.0) -
     outcomes of 0 and 1 it is never narrower than the score interval of all rollouts together, which
     count as
 
-        n_eff = R^2 / sum_r (1 + (n_r - 1) rho) / n_r
+        n_eff = R^2 / sum_r 1 / n_r
 
-    independent ones, for n_r rollouts of run r with the correlation rho: with equal n_r, all of
-    them at rho = 0, and only as many as runs at rho = 1. If all outcomes are equal, nothing shows
-    how large rho is; 0 assumes that runs differ no more than their rollouts do by chance.
+    independent ones, for n_r rollouts of run r: with equal n_r, all of them. This assumes that runs
+    differ no more than their rollouts do by chance.
 
     Args:
         values_by_run: For each run ``(n,)`` an outcome of each rollout, none of them missing.
-        correlation: The correlation rho between the outcomes of two rollouts of one run, from 0 to
-            1, as far as it is known from other runs of the same kind.
 
     Raises:
-        ValueError: There is no run, a run without rollouts, an outcome that is NaN, or the
-            correlation is not between 0 and 1.
+        ValueError: There is no run, a run without rollouts, or an outcome that is NaN.
     """
     runs = _checked_runs(values_by_run)
-    if not 0.0 <= correlation <= 1.0:
-        raise ValueError(f"a correlation of {correlation}; use one from 0 to 1")
     means = np.array([run.mean() for run in runs])
-    return RunMeans(
-        mean=float(means.mean()),
-        interval=_t_interval(runs, means, correlation),
-        runs=tuple(means.tolist()),
-    )
+    if all(_are_binary(run) for run in runs):
+        interval = mean_share_interval(means, [len(run) for run in runs])
+    else:
+        interval = mean_interval(means)
+    return RunMeans(float(means.mean()), interval, tuple(means.tolist()))
 
 
-def _t_interval(
-    runs: Sequence[NDArray[np.float64]], means: NDArray[np.float64], correlation: float
-) -> Interval | None:
-    """The interval of `run_interval`; None for one run, or if nothing shows the spread."""
-    if not all(_are_binary(run) for run in runs):
-        return mean_interval(means)
-    return mean_share_interval(means, [len(run) for run in runs], correlation)
-
-
-def mean_share_interval(
-    shares: ArrayLike, rollouts: Sequence[int], correlation: float = 0.0
-) -> Interval | None:
+def mean_share_interval(shares: ArrayLike, rollouts: Sequence[int]) -> Interval | None:
     """The interval of `run_interval` for a mean over runs of shares of rollouts.
 
     Args:
         shares: ``(R,)`` the share of each run, from 0 to 1.
         rollouts: ``(R,)`` the number of rollouts of each run, at least 1.
-        correlation: As in `run_interval`.
 
     Returns:
         Both ends, within 0 and 1; None for one run.
@@ -274,7 +255,7 @@ def mean_share_interval(
     if len(shares) == 1:
         return None
     of_means = mean_interval(shares)
-    n_eff = effective_rollouts(rollouts, correlation)
+    n_eff = effective_rollouts(rollouts)
     low, high = wilson(float(shares.mean()) * n_eff, n_eff)
     if of_means is not None:
         low = min(low, of_means[0])
@@ -303,15 +284,14 @@ def mean_interval(values: ArrayLike) -> Interval | None:
     return mean - half, mean + half
 
 
-def effective_rollouts(rollouts: Sequence[int], correlation: float = 0.0) -> float:
+def effective_rollouts(rollouts: Sequence[int]) -> float:
     """The number of independent rollouts that those of several runs are worth (`run_interval`).
 
     Args:
         rollouts: Number of rollouts of each run, all at least 1.
-        correlation: The correlation between the outcomes of two rollouts of one run.
     """
     counts = np.asarray(rollouts, float)
-    return len(counts) ** 2 / float(((1 + (counts - 1) * correlation) / counts).sum())
+    return len(counts) ** 2 / float((1 / counts).sum())
 
 
 def unpaired_difference(a: float, n_a: float, b: float, n_b: float) -> Interval:
@@ -333,30 +313,6 @@ def unpaired_difference(a: float, n_a: float, b: float, n_b: float) -> Interval:
     return a - b - below, a - b + above
 
 
-def run_bootstrap(values_by_run: Sequence[ArrayLike]) -> RunMeans:
-    """Mean over training runs; every run has the same weight, however many rollouts it has.
-
-    The bootstrap is hierarchical: runs are drawn, then rollouts of each drawn run. With few runs no
-    bootstrap is wide enough: with three (five, ten) normally distributed runs, the interval covers
-    the truth in 75 (84, 90) % of the cases instead of 95 %. Use `run_interval` then, and show every
-    run. If every rollout of every run has the same outcome, 0 or 1, the interval is Wilson's of all
-    rollouts together; other outcomes that are all equal have none.
-
-    Args:
-        values_by_run: For each run ``(n,)`` an outcome of each rollout, none of them missing.
-
-    Raises:
-        ValueError: There is no run, a run without rollouts, or an outcome that is NaN.
-    """
-    runs = _checked_runs(values_by_run)
-    mean_of_run = tuple(float(run.mean()) for run in runs)
-    return RunMeans(
-        mean=float(np.mean(mean_of_run)),
-        interval=_interval_over_runs(runs),
-        runs=mean_of_run,
-    )
-
-
 def _checked_runs(values_by_run: Sequence[ArrayLike]) -> list[NDArray[np.float64]]:
     """The outcomes of each run.
 
@@ -370,20 +326,3 @@ def _checked_runs(values_by_run: Sequence[ArrayLike]) -> list[NDArray[np.float64
             "and of each at least one rollout, none of them NaN"
         )
     return runs
-
-
-def _interval_over_runs(runs: Sequence[NDArray[np.float64]]) -> Interval | None:
-    """The interval of `run_bootstrap`."""
-    if len(runs) == 1:
-        return None
-    rollouts = np.concatenate(runs)
-    if np.ptp(rollouts) == 0.0:
-        return wilson(int(rollouts.sum()), len(rollouts)) if _are_binary(rollouts) else None
-    rng = np.random.default_rng(SEED)
-    means = np.zeros((RESAMPLES, len(runs)))
-    drawn = rng.integers(len(runs), size=means.shape)
-    for number, run in enumerate(runs):
-        which = drawn == number
-        drawn_rollouts = rng.integers(len(run), size=(which.sum(), len(run)))
-        means[which] = run[drawn_rollouts].mean(axis=1)
-    return percentiles(means.mean(axis=1))

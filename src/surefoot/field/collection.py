@@ -31,8 +31,9 @@ from surefoot.field.session import Crew, Report, Session, deployed_policy
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rollouts.jobs import ChunkResult, Job
 from surefoot.runs.collecting import lost_files
+from surefoot.runs.layout import RunError
 from surefoot.runs.metrics import Collected
-from surefoot.runs.run import Run, RunError
+from surefoot.runs.run import Run
 from surefoot.runs.stages import collect_data
 from surefoot.scenarios.starts import at_rest
 from surefoot.workers import Workers

@@ -25,7 +25,7 @@ from surefoot.deploy.fit import check_joints_and_rate
 from surefoot.deploy.handover import PLANNER_ENDED, PlanFollower, PlanLink, Safeguard
 from surefoot.deploy.interfaces import Clock, Sensors, Stale, wall_clock
 from surefoot.deploy.loop import Mode, Runtime
-from surefoot.deploy.operator import Wish
+from surefoot.deploy.operator import Operator, Wish
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.deploy.protocol import check_description
 from surefoot.deploy.recorder import Flight
@@ -54,12 +54,8 @@ PATIENCE = 60.0
 """[s] How long a bridge that does not answer is tried again: it may have to be restarted."""
 
 
-class Person(Protocol):
+class Person(Operator, Protocol):
     """An operator who can be asked for another start; `deploy.operator.Terminal` is one."""
-
-    def wish(self) -> Wish:
-        """See `deploy.operator.Operator`."""
-        ...
 
     def halt(self) -> None:
         """Forget the start and all input since then: a damped robot waits for another start."""
@@ -70,7 +66,7 @@ class Unattended:
     """Starts at once, every time: for a simulated twin, which is set up again after a fall."""
 
     def wish(self) -> Wish:
-        """See `Person`."""
+        """See `deploy.operator.Operator`."""
         return Wish(True, Command())
 
     def halt(self) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 from surefoot.config import SafetyConfig
 from surefoot.deploy.interfaces import Fallen, MissingBase, Sensors
 from surefoot.deploy.policy import OnnxPolicy
+from surefoot.robots.bounds import fallen
 from surefoot.rollouts.jobs import Job
-from surefoot.rollouts.outcome import fallen
 from surefoot.types import Command, one_flag_each, to_ticks
 
 
@@ -50,7 +50,7 @@ class EpisodeSwitch:
         if sensors.base is None:  # both the test for falls and the expert need the height
             raise MissingBase("the height and the velocity of the base were not measured")
         state = self._policy.state(sensors)
-        has_fallen = bool(fallen(state, self._safety)[0])
+        has_fallen = bool(fallen(state.q, self._safety)[0])
         if has_fallen and tick >= self._grace:
             roll, pitch = np.degrees(state.roll_pitch[0])
             raise Fallen(

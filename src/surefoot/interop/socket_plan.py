@@ -26,7 +26,8 @@ import numpy as np
 
 from surefoot.types import Array, Command, MotionPlan, PlanFunction, State, plan_rows
 
-QUESTION = np.dtype("<f8")
+DOUBLE = np.dtype("<f8")
+"""A number of a question or an answer."""
 SIZES = {"q": (19,), "v": (18,), "com": (3,), "feet": (4, 3), "contacts": (4,)}
 """The parts of a state, in the order of a question."""
 NUMBERS = 60
@@ -63,9 +64,13 @@ class SocketPlan:
         self.port = port
         self.host = host
         self.timeout = timeout
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        """Set what belongs to one process: no connection yet, the process, and its lock."""
         self._connection: socket.socket | None = None
-        self._process = os.getpid()
         self._turn = threading.Lock()
+        self._process = os.getpid()  # last: another thread that sees it has the new lock
 
     def __getstate__(self) -> dict[str, str | int | float | None]:
         """What other processes get: everything except the connection, the process and the lock."""
@@ -74,9 +79,7 @@ class SocketPlan:
     def __setstate__(self, state: dict[str, str | int | float | None]) -> None:
         """Start in another process, without a connection."""
         vars(self).update(state)
-        self._connection = None
-        self._process = os.getpid()
-        self._turn = threading.Lock()
+        self._begin_anew()
 
     def __call__(self, state: State, tick: int, command: Command) -> MotionPlan:
         """Ask for the plan of one robot.
@@ -91,10 +94,8 @@ class SocketPlan:
             ValueError: The command is for another gait than the first one.
         """
         asked = question(state, tick, command)
-        if self._process != os.getpid():  # after a fork both belong to the parent
-            self._connection = None
-            self._turn = threading.Lock()
-            self._process = os.getpid()
+        if self._process != os.getpid():  # after a fork, connection and lock are the parent's
+            self._begin_anew()
         try:
             with self._turn:
                 return self._ask(asked)
@@ -138,7 +139,7 @@ def question(state: State, tick: int, command: Command) -> bytes:
             "each"
         )
     parts = [[tick], command, *(np.ravel(getattr(state, name)) for name in SIZES)]
-    return np.concatenate(parts).astype(QUESTION).tobytes()
+    return np.concatenate(parts).astype(DOUBLE).tobytes()
 
 
 def read_question(connection: socket.socket) -> tuple[State, int, Command]:
@@ -147,7 +148,7 @@ def read_question(connection: socket.socket) -> tuple[State, int, Command]:
     Raises:
         EOFError: The connection has been closed.
     """
-    numbers = np.frombuffer(_receive(connection, NUMBERS * 8), QUESTION)
+    numbers = np.frombuffer(_receive(connection, NUMBERS * 8), DOUBLE)
     parts = {}
     start = 4
     for name, shape in SIZES.items():
@@ -174,7 +175,7 @@ def answer(plan: MotionPlan) -> bytes:
         return HEADER.pack(0)
     if len(rows) > MOST_TICKS:
         raise ValueError(f"a plan of {len(rows)} ticks; use at most {MOST_TICKS}")
-    return HEADER.pack(len(rows)) + rows.astype(QUESTION).tobytes()
+    return HEADER.pack(len(rows)) + rows.astype(DOUBLE).tobytes()
 
 
 def read_answer(connection: socket.socket) -> MotionPlan:
@@ -192,7 +193,7 @@ def read_answer(connection: socket.socket) -> MotionPlan:
             f"an answer of {ticks} ticks; use at most {MOST_TICKS}, and begin it with their number "
             "as a 4-byte little-endian integer"
         )
-    rows: Array = np.frombuffer(_receive(connection, ticks * COLUMNS * 8), QUESTION)
+    rows: Array = np.frombuffer(_receive(connection, ticks * COLUMNS * 8), DOUBLE)
     position, velocity, torque = np.split(rows.reshape(ticks, COLUMNS), 3, axis=1)
     return MotionPlan(position, velocity, torque)
 

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import torch
 from torch import Tensor
 
-from surefoot.config.json_io import from_json
 from surefoot.learning.network import PolicyNetwork, tensor_kinds
 from surefoot.learning.tensor_file import (
     TensorKind,
@@ -21,21 +20,6 @@ from surefoot.learning.tensor_file import (
 
 Losses = list[tuple[float, float]]
 """Training and validation loss [rad] of every finished epoch."""
-
-
-@dataclass(frozen=True)
-class _Header:
-    """The header of a checkpoint, with its keys.
-
-    Attributes:
-        key: Hash of everything that the result of the fit depends on.
-        sha256: Hash of the file's contents.
-        losses: In older files the losses, as hexadecimal text; now they are a tensor.
-    """
-
-    key: str
-    sha256: str
-    losses: tuple[tuple[str, str], ...] = ()
 
 
 def save_checkpoint(
@@ -77,7 +61,7 @@ def load_checkpoint(
         tensors, header = read_tensor_file(path)
         if header.get("key") != key or not is_intact(tensors, header):
             return []
-        losses = _pop_losses(tensors, from_json(_Header, header))
+        losses = _pop_losses(tensors)
         check_tensors(tensors, _expected(network))
     except (ValueError, OverflowError):
         return []
@@ -107,15 +91,13 @@ def _expected(network: PolicyNetwork) -> Iterator[TensorKind]:
         yield TensorKind(f"optimizer.{index}.exp_avg_sq", shape, least=0.0)
 
 
-def _pop_losses(tensors: dict[str, Tensor], header: _Header) -> Losses:
+def _pop_losses(tensors: dict[str, Tensor]) -> Losses:
     """Remove the losses from a checkpoint's tensors and return them.
 
     Raises:
-        ValueError: They are not pairs of numbers.
+        ValueError: There are none, or they are not pairs of numbers.
     """
     stored = tensors.pop("losses", None)
-    if stored is None:
-        return [(float.fromhex(a), float.fromhex(b)) for a, b in header.losses]
-    if stored.ndim != 2 or stored.shape[1] != 2 or stored.dtype != torch.float64:
-        raise ValueError("losses are not pairs of numbers")
+    if stored is None or stored.ndim != 2 or stored.shape[1] != 2 or stored.dtype != torch.float64:
+        raise ValueError("its losses are missing, or are not pairs of numbers")
     return [(training, validation) for training, validation in stored.tolist()]

@@ -24,6 +24,7 @@ from surefoot.config.json_io import from_json, to_json
 from surefoot.learning.network import MINIMUM_ROWS, PolicyNetwork
 from surefoot.learning.observation import Float32Array
 from surefoot.learning.onnx_graph import onnx_graph, runner
+from surefoot.learning.step import torch_threads
 from surefoot.learning.tensor_file import (
     Header,
     TensorKind,
@@ -141,12 +142,9 @@ def fit_classifier(
     if len(training) < LEAST_ROWS:
         raise ValueError(f"{len(training)} rows are too few to train a classifier on")
     network = PolicyNetwork(PolicyConfig(hidden=HIDDEN), seed, inputs=rows.shape[1], outputs=1)
-    threads = torch.get_num_threads()
-    try:
+    with torch_threads(1):
         _train(network, rows, positive, training, size, seed)
         layers = tuple((weight.numpy(), bias.numpy()) for weight, bias in network.eval().folded())
-    finally:
-        torch.set_num_threads(threads)
     quality = ClassifierQuality(len(training), float(positive[training].mean()), seed)
     if held_out.any():
         probability = Classifier(layers, quality).probability(rows[held_out])
@@ -162,7 +160,7 @@ def _train(
     batch: int,
     seed: int,
 ) -> None:
-    """Train the network in place, on one thread.
+    """Train the network in place.
 
     Args:
         network: The new network.
@@ -184,7 +182,6 @@ def _train(
     index = torch.from_numpy(training)
     loss_of = torch.nn.BCEWithLogitsLoss()
     network.train()
-    torch.set_num_threads(1)
     for _ in range(EPOCHS):
         order = index[torch.randperm(len(index), generator=generator)[:MOST_ROWS]]
         for minibatch in order.split(batch):

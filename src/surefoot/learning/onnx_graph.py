@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -55,28 +56,45 @@ def onnx_graph(layers: Sequence[tuple[Float32Array, Float32Array]]) -> bytes:
     return model.SerializeToString()
 
 
+def open_session(model: bytes, rows: int | None = None) -> Any:
+    """A session of ONNX Runtime that runs a model in this process, on one core for the same bits.
+
+    Args:
+        model: A serialized model.
+        rows: Number of rows in every call, if fixed; the runtime then plans its memory in advance.
+            None allows any number.
+
+    Raises:
+        ImportError: ONNX Runtime is missing; the message says how to install it.
+    """
+    # The runtime would send usage data to its maker, and warn if it cannot store its id.
+    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise ImportError(
+            f"ONNX Runtime is missing ({error}); `pip install onnxruntime` installs it"
+        ) from error
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = 1
+    options.inter_op_num_threads = 1
+    options.log_severity_level = 4  # whatever it would print of an error, its exception says
+    if rows is not None:
+        options.add_free_dimension_override_by_name(ROWS, rows)
+    return onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+
+
 def runner(model: bytes, rows: int | None = None) -> Callable[[Float32Array], Float32Array]:
-    """A function that runs a model in this process, on a single thread for the same bits.
+    """A function that runs a model as `open_session` does.
 
     Args:
         model: A serialized model with one input and one output.
-        rows: Number of rows in every call, if fixed; the runtime then plans its memory in advance.
-            None allows any number.
+        rows: Number of rows in every call, if fixed; None allows any number.
 
     Returns:
         The function, ``(n, inputs)`` to ``(n, outputs)``.
     """
-    # The runtime would send usage data to its maker, and warn if it cannot store its id.
-    os.environ.setdefault("ORT_DISABLE_TELEMETRY", "1")
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = 1
-    options.inter_op_num_threads = 1
-    options.log_severity_level = 3  # errors only
-    if rows is not None:
-        options.add_free_dimension_override_by_name(ROWS, rows)
-    session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
+    session = open_session(model, rows)
     input_name = session.get_inputs()[0].name
     width = session.get_inputs()[0].shape[1]
     output_name = session.get_outputs()[0].name

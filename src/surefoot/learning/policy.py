@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import copy
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -145,7 +144,7 @@ class Policy:
         network: PolicyNetwork,
         spec: PolicySpec,
         command_range: ArrayLike,
-        robot: str = "solo12",
+        robot: str,
         provenance: Mapping[str, Plain] | None = None,
         limits: JointLimits | None = None,
         bounds: SafetyBounds | None = None,
@@ -271,21 +270,6 @@ class Policy:
     def diverged(self) -> BoolArray:
         """``(B,)`` all False: a policy always answers."""
         return np.zeros(self._batch, bool)
-
-
-def check_command(policy: Policy, command: ArrayLike) -> bool:
-    """Whether commands ``(..., 3)`` are in the range the policy was trained on; warns if not."""
-    low, high = policy.command_range
-    command = np.asarray(command, float)
-    inside = bool(((command >= low - 1e-9) & (command <= high + 1e-9)).all())
-    if not inside:
-        warnings.warn(
-            f"command {command.tolist()} lies outside what the policy was trained on: vx, vy, "
-            f"yaw rate from {low.tolist()} to {high.tolist()}; expect poor tracking or a fall, "
-            "or train with such commands",
-            stacklevel=2,
-        )
-    return inside
 
 
 def save(policy: Policy, path: Path | str) -> None:

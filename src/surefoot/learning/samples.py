@@ -55,11 +55,6 @@ class TrainingSamples:
     def __len__(self) -> int:
         return self._count
 
-    @property
-    def resident(self) -> bool:
-        """Whether all rows are in memory."""
-        return self._file is None
-
     def append(self, rows: Float32Array) -> None:
         """Add rows ``(k, width)``.
 

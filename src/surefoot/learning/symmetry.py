@@ -142,10 +142,7 @@ class Mirrored:
     @property
     def hash(self) -> str:
         """SHA-256 of the recorded frames and of the mirror."""
-        mirror = to_json(self.mirror)
-        if not self.mirror.other_shifts:  # for the same hash as before there were several gaits
-            del mirror["other_shifts"]
-        text = json.dumps([self.data.hash, mirror])
+        text = json.dumps([self.data.hash, to_json(self.mirror)])
         return hashlib.sha256(text.encode()).hexdigest()
 
     @property

@@ -137,23 +137,7 @@ def fit(
         DatasetError: A shard is damaged.
         WriteError: The disk is full.
     """
-    amount = epochs.count if isinstance(epochs, Steps) else epochs
-    if amount < 1:
-        unit = "steps" if isinstance(epochs, Steps) else "epochs"
-        raise ValueError(f"{amount} {unit}: at least 1 is needed")
-    if seed < 0:
-        raise ValueError(f"the seed is {seed}; use 0 or more")
-    mirrored = isinstance(data, Mirrored)
-    if config.mirror != "auto" and (config.mirror != "none") != mirrored:
-        raise ValueError(
-            f"training.mirror is {config.mirror}, but the data are {type(data).__name__}: give "
-            "`Mirrored` data (surefoot.learning.symmetry) if and only if there is a mirror"
-        )
-    if len(network.mean) != spec.observation.input_size:
-        raise ValueError(
-            f"a network of {len(network.mean)} inputs for a layout of "
-            f"{spec.observation.input_size}; make it with PolicyNetwork(config, inputs=...)"
-        )
+    _check_arguments(network, data, config, spec, epochs, seed)
     device = choose_device(config.device)
     samples = split_samples(data, config, spec)
     batches = _count_batches(samples, config)
@@ -161,17 +145,13 @@ def fit(
         steps = epochs.count
     else:
         # An epoch has as many steps with images as without, so it covers half of all rows.
-        steps = epochs * (max(1, batches // 2) if mirrored else batches)
+        steps = epochs * (max(1, batches // 2) if isinstance(data, Mirrored) else batches)
     passes = math.ceil(steps / batches)
     precision = choose_precision(network, config).chosen
     config = replace(config, precision=precision)
     key = ""
     if checkpoint is not None:
-        platform = [torch.__version__, device_name(device), has_bfloat16(device)]
-        past = [data.ticks_hash] if spec.remembers else []
-        images = [steps] if mirrored else []  # earlier versions took twice as many steps
-        parts = [data.hash, *past, *images, config, spec, epochs, seed, *platform]
-        key = _fingerprint(network, parts)
+        key = _key_of(network, data, config, spec, epochs, seed, device)
     network = copy.deepcopy(network).to(device)
     losses: Losses = []
     with torch_threads(config.threads):
@@ -207,6 +187,38 @@ def fit(
         device=device_name(device),
         precision=precision,
     )
+
+
+def _check_arguments(
+    network: PolicyNetwork,
+    data: Frames | Dataset | Mirrored,
+    config: TrainingConfig,
+    spec: PolicySpec,
+    epochs: int | Steps,
+    seed: int,
+) -> None:
+    """Check what `fit` is given, before it reads the frames.
+
+    Raises:
+        ValueError: An argument is out of range, or two of them do not fit each other.
+    """
+    amount = epochs.count if isinstance(epochs, Steps) else epochs
+    if amount < 1:
+        unit = "steps" if isinstance(epochs, Steps) else "epochs"
+        raise ValueError(f"{amount} {unit}: at least 1 is needed")
+    if seed < 0:
+        raise ValueError(f"the seed is {seed}; use 0 or more")
+    mirrored = isinstance(data, Mirrored)
+    if config.mirror != "auto" and (config.mirror != "none") != mirrored:
+        raise ValueError(
+            f"training.mirror is {config.mirror}, but the data are {type(data).__name__}: give "
+            "`Mirrored` data (surefoot.learning.symmetry) if and only if there is a mirror"
+        )
+    if len(network.mean) != spec.observation.input_size:
+        raise ValueError(
+            f"a network of {len(network.mean)} inputs for a layout of "
+            f"{spec.observation.input_size}; make it with PolicyNetwork(config, inputs=...)"
+        )
 
 
 def split_samples(
@@ -350,13 +362,29 @@ def _generator(seed: int, epoch: int, stream: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed(int(number))
 
 
-def _fingerprint(network: PolicyNetwork, inputs: list[object]) -> str:
-    """A hash of everything that a fit's result depends on.
+def _key_of(
+    network: PolicyNetwork,
+    data: Frames | Dataset | Mirrored,
+    config: TrainingConfig,
+    spec: PolicySpec,
+    epochs: int | Steps,
+    seed: int,
+    device: torch.device,
+) -> str:
+    """A hash of everything that the result of a fit depends on, as the key of its checkpoint.
 
     Args:
         network: The network that the fit starts from.
-        inputs: Everything else, as records, numbers and texts.
+        data: The frames.
+        config: The training, with the precision that was chosen.
+        spec: How inputs and targets follow from frames.
+        epochs: The number of epochs or steps.
+        seed: The seed of the fit.
+        device: The device that the network is trained on.
     """
+    platform = [torch.__version__, device_name(device), has_bfloat16(device)]
+    past = [data.ticks_hash] if spec.remembers else []
+    inputs = [data.hash, *past, config, spec, epochs, seed, *platform]
     sha = hashlib.sha256()
     for tensor in network.state_dict().values():
         sha.update(tensor.cpu().numpy().tobytes())

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from surefoot.config import BehaviorCloningConfig
 from surefoot.rollouts.jobs import Job
-from surefoot.runs.checks import check_config, parameters
+from surefoot.runs.checks import check_config
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import expert_rollouts
 from surefoot.runs.stages import (
@@ -42,7 +42,7 @@ def behavior_cloning(run: Run, workers: Workers, plan: PlanFunction | None = Non
         TypeError: The run was configured for another method.
         ValueError: A parameter is out of range.
     """
-    method = parameters(run, BehaviorCloningConfig)
+    method = run.parameters(BehaviorCloningConfig)
     check_config(run.config)
 
     # D <- collect rollout data from the expert
@@ -72,5 +72,5 @@ def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     if i != 0:
         raise ValueError(f"behavior cloning collects once; there is no iteration {i}")
     config = run.config
-    data = parameters(run, BehaviorCloningConfig).data
+    data = run.parameters(BehaviorCloningConfig).data
     return expert_rollouts(config, data, plan, config.collection)

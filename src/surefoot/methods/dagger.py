@@ -21,7 +21,7 @@ from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.budget import iterations_within_budget
-from surefoot.runs.checks import check_config, parameters
+from surefoot.runs.checks import check_config
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
     disturbance_in,
@@ -49,7 +49,7 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
         TypeError: The run was configured for another method.
         ValueError: A parameter is out of range.
     """
-    method = parameters(run, DaggerConfig)
+    method = run.parameters(DaggerConfig)
     check_config(run.config)
 
     last = 0
@@ -68,7 +68,7 @@ def dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path
 def collection(run: Run, k: int, plan: PlanFunction | None = None) -> Job:
     """The rollouts of iteration k, which the run's seed fixes."""
     config = run.config
-    method = parameters(run, DaggerConfig)
+    method = run.parameters(DaggerConfig)
     if k == 0:
         return pretraining_rollouts(config, method, plan)
     beta = method.p**k

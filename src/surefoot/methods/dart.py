@@ -28,9 +28,10 @@ from surefoot.learning.samples import derive, held_out
 from surefoot.rollouts.arbiters import ExpertOnly
 from surefoot.rollouts.jobs import Job, disturbance_of
 from surefoot.runs.budget import iterations_within_budget
-from surefoot.runs.checks import check_config, parameters
+from surefoot.runs.checks import check_config
+from surefoot.runs.layout import RunError
 from surefoot.runs.policies import load_policy
-from surefoot.runs.run import Run, RunError
+from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
     disturbance_in,
     draw_starts,
@@ -68,7 +69,7 @@ def dart(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
         TypeError: The run was configured for another method.
         ValueError: A parameter is out of range.
     """
-    method = parameters(run, DartConfig)
+    method = run.parameters(DartConfig)
     check_config(run.config)
 
     pretrain(run, method, workers, plan)
@@ -90,7 +91,7 @@ def dart(run: Run, workers: Workers, plan: PlanFunction | None = None) -> Path:
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     """The rollouts of iteration i, which the run's seed and the previous policy fix."""
     config = run.config
-    method = parameters(run, DartConfig)
+    method = run.parameters(DartConfig)
     if i == 0:
         return pretraining_rollouts(config, method, plan)
     starts = draw_starts(config, method, i)

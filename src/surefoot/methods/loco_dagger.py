@@ -19,7 +19,7 @@ from surefoot.config import LocoDaggerConfig
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.budget import iterations_within_budget
-from surefoot.runs.checks import check_config, parameters
+from surefoot.runs.checks import check_config
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
@@ -54,7 +54,7 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         TypeError: The run was configured for another method.
         ValueError: A parameter is out of range.
     """
-    method = parameters(run, LocoDaggerConfig)
+    method = run.parameters(LocoDaggerConfig)
     check_config(run.config)
 
     pretrain(run, method, workers, plan)
@@ -76,7 +76,7 @@ def loco_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     """The rollouts of iteration i and the queries that follow; the run's seed fixes both."""
     config = run.config
-    method = parameters(run, LocoDaggerConfig)
+    method = run.parameters(LocoDaggerConfig)
     if i == 0:
         return pretraining_rollouts(config, method, plan)
     p = method.alpha ** (i - 1)

@@ -19,7 +19,7 @@ from surefoot.config import LocoSafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.budget import iterations_within_budget
-from surefoot.runs.checks import check_config, parameters
+from surefoot.runs.checks import check_config
 from surefoot.runs.gate_training import make_gate, train_gates
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
@@ -66,7 +66,7 @@ def loco_safe_dagger(
         TypeError: The run was configured for another method.
         ValueError: A parameter is out of range.
     """
-    method = parameters(run, LocoSafeDaggerConfig)
+    method = run.parameters(LocoSafeDaggerConfig)
     check_config(run.config)
     collect = on_robot or collect_data
 
@@ -91,7 +91,7 @@ def loco_safe_dagger(
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     """The rollouts of iteration i: who drives, for how long, and which frames are kept."""
     config = run.config
-    method = parameters(run, LocoSafeDaggerConfig)
+    method = run.parameters(LocoSafeDaggerConfig)
     if i == 0:
         return pretraining_rollouts(config, method, plan)
     share = rising_share(method.tightest, i, method.iterations)

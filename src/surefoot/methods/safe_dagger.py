@@ -22,7 +22,7 @@ from surefoot.config import SafeDaggerConfig
 from surefoot.rollouts.arbiters import SafetySwitch
 from surefoot.rollouts.jobs import Job
 from surefoot.runs.budget import iterations_within_budget
-from surefoot.runs.checks import check_config, parameters
+from surefoot.runs.checks import check_config
 from surefoot.runs.gate_training import make_gate, train_gates
 from surefoot.runs.run import Run
 from surefoot.runs.sampling import (
@@ -60,7 +60,7 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
         TypeError: The run was configured for another method.
         ValueError: A parameter is out of range.
     """
-    method = parameters(run, SafeDaggerConfig)
+    method = run.parameters(SafeDaggerConfig)
     check_config(run.config)
 
     # D <- expert rollouts; pre-train pi_1 on D, and pi_safe
@@ -85,7 +85,7 @@ def safe_dagger(run: Run, workers: Workers, plan: PlanFunction | None = None) ->
 def collection(run: Run, i: int, plan: PlanFunction | None = None) -> Job:
     """The rollouts of iteration i, with the policy and the gate of iteration i - 1."""
     config = run.config
-    method = parameters(run, SafeDaggerConfig)
+    method = run.parameters(SafeDaggerConfig)
     if i == 0:
         return pretraining_rollouts(config, method, plan)
     # Without blocking, the expert drives in the states that are called unsafe, and only there.

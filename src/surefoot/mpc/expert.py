@@ -13,7 +13,7 @@ import numpy as np
 
 from surefoot.config import Config, ExpertConfig, Gait
 from surefoot.config.checked import check_values, known
-from surefoot.config.presets import ground_for, with_rules
+from surefoot.config.expert_rules import ground_for, with_rules
 from surefoot.config.single_gaits import each_gait
 from surefoot.mpc.gaits import names_of, only_gait
 from surefoot.mpc.planner import PLAN_TICKS, Planner
@@ -50,7 +50,8 @@ class Expert:
             used; the last tick of a shorter plan is held.
         kp: The proportional gain [N m/rad].
         kd: The derivative gain [N m s/rad].
-        damping: The damping of the joints of a robot that has no valid plan [N m s/rad].
+        damping: The damping of the joints of a robot that has no valid plan [N m s/rad]; the
+            default is Solo12's, and `make_expert` takes that of its robot.
         gaits: The gaits that the plans are for, in the order of their numbers; empty if unknown.
 
     Attributes:

@@ -150,9 +150,16 @@ def plan_contacts(rule: FootholdRule, start: HorizonStart) -> ContactPlan:
 
     time = (ticks[:-1] - start.tick)[:, None, None] / TICKS_PER_SECOND
     below_hip, landing = footholds(rule, start, time)
-    height = (rule.foot_radius, known(gait.step_height, "gait.step_height"))
-    ground = start.ground
-    position = _positions(active, fraction, below_hip, landing, start.feet, height, ground)
+    position = _positions(
+        active,
+        fraction,
+        below_hip,
+        landing,
+        start.feet,
+        rule.foot_radius,
+        known(gait.step_height, "gait.step_height"),
+        start.ground,
+    )
     return ContactPlan(active, position, np.diff(ticks) / TICKS_PER_SECOND, via)
 
 
@@ -163,7 +170,8 @@ def _positions(
     below_hip: Array,
     landing: Array,
     measured: Array,
-    height: tuple[float, float],
+    standing: float,
+    lifted: float,
     ground: GroundPlane,
 ) -> Array:
     """Return the positions ``(N, 4, 3)`` of a contact plan.
@@ -178,7 +186,8 @@ def _positions(
         below_hip: ``(N, 4, 2)`` points below the hips [m].
         landing: ``(N, 4, 2)`` footholds [m].
         measured: ``(4, 3)`` measured foot positions [m].
-        height: Heights of a foot in stance and of a via point above the ground [m].
+        standing: Height of a foot in stance above the ground [m].
+        lifted: Height of a via point above the ground [m].
         ground: The ground on which feet land.
     """
     position = np.empty((len(active), 4, 3))
@@ -190,7 +199,7 @@ def _positions(
                 continue
             early = not active[t, leg] and fraction[t, leg] < 0.5
             position[t, leg, :2] = below_hip[t, leg] if early else landing[t, leg]
-            position[t, leg, 2] = height[0] if active[t, leg] else height[1]
+            position[t, leg, 2] = standing if active[t, leg] else lifted
             position[t, leg, 2] += (
                 ground.height
                 + ground.slope_x * position[t, leg, 0]

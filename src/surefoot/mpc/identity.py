@@ -4,8 +4,8 @@ A run must be continued with the expert that it began with, or one dataset mixes
 A name alone is not enough: all lambdas have the same one, and a function may have been edited. So a
 run keeps an `ExpertIdentity` of a user's MPC, and `difference` says how another one differs from
 it. A change that shows at none of the states goes unnoticed. The package's own planner needs no
-identity, because the run's configuration determines it. `runs.checks` uses this to decide whether a
-run may continue.
+identity, because the run's configuration determines it. `runs.own_expert` uses this to decide
+whether a run may continue.
 """
 
 from __future__ import annotations

@@ -152,9 +152,15 @@ class KinematicSolver:
         config = self._config
         p = self._prepare(problem)
         postures = np.array([p.q_ref] if guess is None else [p.q_ref, guess])
-        start = (_own(problem.q0), _own(problem.v0))
-        stop = (config.max_iterations, config.tolerance)
-        motion, cost, iterations = _minimize(p, self._body, start, postures, stop)
+        motion, cost, iterations = _minimize(
+            p,
+            self._body,
+            _own(problem.q0),
+            _own(problem.v0),
+            postures,
+            config.max_iterations,
+            config.tolerance,
+        )
         return KinematicPlan(motion.q, motion.v, motion.u, cost, iterations)
 
     def cost(self, problem: KinematicProblem, q: Array, v: Array, u: Array) -> float:
@@ -167,29 +173,6 @@ class KinematicSolver:
             u: ``(N, 18)`` generalized accelerations.
         """
         return _evaluate(self._prepare(problem), self._body, Motion(_own(q), _own(v), _own(u))).cost
-
-    def gradient(self, problem: KinematicProblem, u: Array) -> Array:
-        """Return the gradient ``(N, 18)`` of the objective by the adjoint method.
-
-        Args:
-            problem: The instance.
-            u: ``(N, 18)`` generalized accelerations, with respect to which the gradient is taken.
-        """
-        p = self._prepare(problem)
-        u = _own(u)
-        q, v = simulate(_own(problem.q0), _own(problem.v0), u, p.dt)
-        motion = Motion(q, v, u)
-        model = gauss_newton_model(p, motion, _evaluate(p, self._body, motion).residuals)
-        gx = model.gradient
-        gradient = np.empty_like(u)
-        to_q = gx[-1, :NV]
-        to_v = gx[-1, NV:]
-        for t in range(len(u) - 1, -1, -1):
-            to_v = to_v + p.dt[t] * np.concatenate([model.E[t].T @ to_q[:6], to_q[6:]])
-            gradient[t] = p.dt[t] * (self._control_weight * u[t] + to_v)
-            to_q = gx[t, :NV] + np.concatenate([model.A[t].T @ to_q[:6], to_q[6:]])
-            to_v = gx[t, NV:] + to_v
-        return gradient
 
     def _prepare(self, problem: KinematicProblem) -> ProblemArrays:
         """Return the problem's arrays as the compiled functions need them."""
@@ -219,25 +202,26 @@ def _own(array: Array) -> Array:
 def _minimize(
     p: ProblemArrays,
     body: _Body,
-    start: tuple[Array, Array],
+    q0: Array,
+    v0: Array,
     postures: Array,
-    stop: tuple[int, float],
+    max_iterations: int,
+    tolerance: float,
 ) -> tuple[Motion, float, int]:
     """Minimize by Gauss-Newton from the better of some first guesses.
 
     Args:
         p: The problem.
         body: The robot.
-        start: ``(19,)`` configuration and ``(18,)`` velocity at the start.
+        q0: ``(19,)`` configuration at the start.
+        v0: ``(18,)`` velocity at the start.
         postures: ``(G, N+1, 19)`` configurations whose postures make the first guesses.
-        stop: The largest number of iterations, and the share of the cost that an iteration must
-            gain.
+        max_iterations: The largest number of iterations.
+        tolerance: The share of the cost that an iteration must gain.
 
     Returns:
         The motion, the value of its objective, and the number of iterations.
     """
-    q0, v0 = start
-    most, tolerance = stop
     iterate = _evaluate(p, body, _first_guess(q0, v0, postures[0], p.dt))
     for posture in postures[1:]:
         other = _evaluate(p, body, _first_guess(q0, v0, posture, p.dt))
@@ -245,7 +229,7 @@ def _minimize(
             iterate = other
     damping = LEAST_DAMPING
     iteration = 0
-    while iteration < most and np.isfinite(iterate.cost):
+    while iteration < max_iterations and np.isfinite(iterate.cost):
         iteration += 1
         found, better = _line_search(p, body, iterate, damping)
         if not found:
@@ -285,27 +269,6 @@ def _evaluate(p: ProblemArrays, body: _Body, motion: Motion) -> _Iterate:
     foot, foot_jacobian = feet(motion.q, body.legs)
     cost, residuals = objective(p, motion, momentum, momentum_jacobian, foot, foot_jacobian)
     return _Iterate(motion, cost, residuals)
-
-
-@njit(cache=True, error_model="numpy")
-def simulate(q0: Array, v0: Array, u: Array, dt: Array) -> tuple[Array, Array]:
-    """Return the trajectory q ``(N+1, 19)``, v ``(N+1, 18)`` under given accelerations.
-
-    Args:
-        q0: ``(19,)`` configuration at the start.
-        v0: ``(18,)`` velocity at the start.
-        u: ``(N, 18)`` generalized accelerations.
-        dt: ``(N,)`` durations of the nodes [s].
-    """
-    N = len(u)
-    q = np.empty((N + 1, NV + 1))
-    v = np.empty((N + 1, NV))
-    q[0] = q0
-    v[0] = v0
-    for t in range(N):
-        v[t + 1] = v[t] + dt[t] * u[t]
-        q[t + 1] = integrate(q[t], dt[t] * v[t + 1])
-    return q, v
 
 
 @njit(cache=True, error_model="numpy")

@@ -25,17 +25,16 @@ Rows = tuple[tuple[float, float], ...]
 """The smallest and the largest angle of each joint [deg]."""
 
 
-def fallen(height: Array, q: Array, safety: SafetyConfig) -> BoolArray:
+def fallen(q: Array, safety: SafetyConfig) -> BoolArray:
     """``(B,)`` True where base height, roll or pitch is that of a robot that has fallen.
 
     Numbers that are not finite, from a simulation that has run away, count as fallen.
 
     Args:
-        height: ``(B,)`` heights of the base above the ground [m].
-        q: ``(B, 19)`` configurations, for the angles.
+        q: ``(B, 19)`` configurations, with the height of the base above the ground.
         safety: The bounds beyond which a robot has fallen.
     """
-    return outside(height, q, *_fall_bounds(safety))
+    return outside(q[:, 2], q, *_fall_bounds(safety))
 
 
 @lru_cache

@@ -41,13 +41,14 @@ def canonical_model(description: Description, spec: RobotSpec) -> pin.Model:
         ValueError: A joint or a foot is missing, has the wrong place in the tree or the wrong type,
             or a link has no mass or an impossible inertia.
     """
-    names = _joint_names(description, spec)
+    names = spec.source_joints
+    _check_joints(description, spec)
     source = _locked(description.model, names)
-    feet = [frame_id(description, _named(spec.foot, leg), spec.name) for leg in spec.legs]
+    feet = [frame_id(description, foot, spec.name) for foot in spec.source_feet]
     foot_frames = [description.model.frames[foot] for foot in feet]
     feet = [source.getFrameId(frame.name, frame.type) for frame in foot_frames]
     where = f"{spec.name}, {description.path}"
-    _check_chains(source, names, feet, spec, where)
+    _check_chains(source, feet, spec, where)
     apart = all(
         _is_body(description.inertias.get(source.frames[foot].name))
         and _is_body(_own_inertia(description, source, source.frames[foot].parentJoint, foot))
@@ -95,17 +96,11 @@ def joint_axes(model: pin.Model) -> Array:
     return np.array(rows)
 
 
-def _named(pattern: str, leg: str) -> str:
-    """The description's name of a part of a leg."""
-    return pattern.replace("{leg}", leg)
-
-
-def _joint_names(description: Description, spec: RobotSpec) -> list[str]:
-    """The description's names of the twelve joints, in canonical order; all of them exist."""
-    names = [_named(pattern, leg) for leg in spec.legs for pattern in spec.joints]
+def _check_joints(description: Description, spec: RobotSpec) -> None:
+    """Check that all twelve joints exist, and that each turns about one axis."""
     model = description.model
     movable = list(model.names[2:])
-    for name in names:
+    for name in spec.source_joints:
         if name not in movable:
             few = "" if len(movable) >= 12 else f" It has {len(movable)} joints; 12 are needed."
             message = unknown("joint that moves", name, movable)
@@ -116,10 +111,9 @@ def _joint_names(description: Description, spec: RobotSpec) -> list[str]:
                 f"{spec.name}, {description.path}: the joint {name!r} does not turn about one axis "
                 f"({joint.shortname()})"
             )
-    return names
 
 
-def _locked(model: pin.Model, names: list[str]) -> pin.Model:
+def _locked(model: pin.Model, names: tuple[str, ...]) -> pin.Model:
     """The model with all joints but these locked, at zero or the nearest angle in their limits."""
     others = [joint for joint in range(2, model.njoints) if model.names[joint] not in names]
     if not others:
@@ -135,17 +129,16 @@ def _locked(model: pin.Model, names: list[str]) -> pin.Model:
     return pin.buildReducedModel(model, others, q)
 
 
-def _check_chains(
-    source: pin.Model, names: list[str], feet: list[int], spec: RobotSpec, where: str
-) -> None:
+def _check_chains(source: pin.Model, feet: list[int], spec: RobotSpec, where: str) -> None:
     """Check that each leg is a chain from the base: abduction, flexion, knee, foot."""
     for number, leg in enumerate(spec.legs):
-        chain = [source.getJointId(name) for name in names[3 * number : 3 * number + 3]]
+        names = spec.source_joints[3 * number : 3 * number + 3]
+        chain = [source.getJointId(name) for name in names]
         parents = [source.parents[joint] for joint in chain]
         if parents != [1, *chain[:2]]:
             hangs = [source.names[parent] for parent in parents]
             raise ValueError(
-                f"{where}: the joints {names[3 * number : 3 * number + 3]} of the leg {leg!r} "
+                f"{where}: the joints {[*names]} of the leg {leg!r} "
                 f"hang on {hangs}; expected one below the other, the first on the base"
             )
         foot = source.frames[feet[number]]

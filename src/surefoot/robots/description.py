@@ -10,6 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from xml.etree import ElementTree
@@ -98,7 +99,18 @@ def read_description(spec: RobotSpec) -> Description:
         ImportError: The package ``example-robot-data`` is missing.
     """
     path = find_urdf(spec)
-    root = read_urdf(path)
+    return _description(path, _content(path))
+
+
+@lru_cache(maxsize=16)
+def _description(path: Path, content: bytes) -> Description:
+    """The description in a URDF, shared by all that read the same content: nobody may change it.
+
+    Args:
+        path: The file.
+        content: Its content.
+    """
+    root = _root(path, content)
     # This is before Pinocchio, which takes numbers that it cannot read as zeros.
     inertias = {}
     # Children of the robot only: elements of the same names in <gazebo> are not Pinocchio's.
@@ -129,10 +141,31 @@ def read_urdf(path: Path) -> ElementTree.Element:
     Raises:
         ValueError: The file is too large, or no URDF.
     """
+    return _root(path, _content(path))
+
+
+def _content(path: Path) -> bytes:
+    """The content of a file that is not too large for a URDF.
+
+    Raises:
+        ValueError: It is too large.
+    """
     size = path.stat().st_size
     if size > MOST_BYTES:
         raise ValueError(f"{path} has {size} bytes; a URDF has at most {MOST_BYTES}")
-    content = read_file(path)
+    return read_file(path)
+
+
+def _root(path: Path, content: bytes) -> ElementTree.Element:
+    """The elements of a URDF.
+
+    Args:
+        path: The file, for errors.
+        content: Its content.
+
+    Raises:
+        ValueError: It is no URDF.
+    """
     try:
         root = ElementTree.fromstring(content)
     except (ElementTree.ParseError, ValueError, LookupError) as error:  # of unknown encodings too

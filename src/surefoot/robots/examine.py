@@ -109,9 +109,7 @@ def examine_robot(config: RobotConfig) -> RobotReport:
 
 def _rows(robot: RobotModel) -> Iterator[JointRow]:
     """The table of the joints."""
-    spec = robot.spec
-    sources = [pattern.replace("{leg}", leg) for leg in spec.legs for pattern in spec.joints]
-    for row, (name, source) in enumerate(zip(JOINTS, sources, strict=True)):
+    for row, (name, source) in enumerate(zip(JOINTS, robot.spec.source_joints, strict=True)):
         low, high = robot.position_limit[row]
         speed = robot.speed_limit[row]
         yield JointRow(
@@ -147,10 +145,8 @@ def _of_the_tree(robot: RobotModel, description: Description) -> Iterator[str]:
     own = description.inertias.get(root)
     if own is None or own.mass == 0.0:
         yield f"The root link {root!r} has no mass; the links that are fixed to it have."
-    wanted = {
-        pattern.replace("{leg}", leg) for leg in robot.spec.legs for pattern in robot.spec.joints
-    }
-    locked = [name for name in source.names[2:] if name not in wanted]
+    used = robot.spec.source_joints
+    locked = [name for name in source.names[2:] if name not in used]
     if locked:
         yield f"Joints that are locked: {', '.join(locked)}."
     velocities = range(6, source.nv)
@@ -186,7 +182,7 @@ def _of_limits(robot: RobotModel) -> Iterator[str]:
 def _of_feet(robot: RobotModel, description: Description) -> Iterator[str]:
     """Remarks on the feet: what the description has there in place of the package's spheres."""
     root = read_urdf(description.path)
-    names = [robot.spec.foot.replace("{leg}", leg) for leg in robot.spec.legs]
+    names = robot.spec.source_feet
     if robot.model.frames[robot.feet[0]].inertia.mass == 0.0:
         yield f"The feet have no inertia of their own; they are a part of the {PARTS[-1]} links."
     link = next((link for link in root.iter("link") if link.get("name") == names[0]), None)

@@ -16,7 +16,7 @@ from surefoot.config.profiles import PROFILES, HardwareProfile
 from surefoot.config.robot_table import ROBOTS
 from surefoot.config.robots import RobotConfig, RobotSpec
 from surefoot.errors import unknown
-from surefoot.robots.canonical import canonical_model, joint_axes
+from surefoot.robots.canonical import BASE, PARTS, canonical_model, joint_axes
 from surefoot.robots.data_file import SUFFIXES, read_data_file
 from surefoot.robots.description import Description, read_description
 from surefoot.robots.model import RobotModel, Shape, standing
@@ -163,7 +163,7 @@ def contact_shapes(model: pin.Model, spec: RobotSpec) -> tuple[Shape, ...]:
     axes = joint_axes(model)
     radius = spec.foot_radius
     feet = []
-    rest = [Shape("base_link", spec.body_center, spec.body_center, spec.body_half_edges)]
+    rest = [Shape(BASE, spec.body_center, spec.body_center, spec.body_half_edges)]
     for number, leg in enumerate(LEGS):
         foot = model.frames[model.getFrameId(f"{leg}_FOOT")].placement.translation
         knee = model.jointPlacements[model.getJointId(f"{leg}_KFE")].translation
@@ -173,9 +173,7 @@ def contact_shapes(model: pin.Model, spec: RobotSpec) -> tuple[Shape, ...]:
         sideways = (axes[3 * number + 2] @ foot) * axes[3 * number + 2]
         back = (sideways - foot) / np.linalg.norm(sideways - foot)
         lower = (sideways, foot + 2 * radius * back)
-        for part, ends, size in zip(
-            ("UPPER_LEG", "LOWER_LEG"), (upper, lower), spec.leg_radii, strict=True
-        ):
+        for part, ends, size in zip(PARTS[1:], (upper, lower), spec.leg_radii, strict=True):
             start, end = (tuple(float(x) for x in point + 0.0) for point in ends)  # no -0.0
             rest.append(Shape(f"{leg}_{part}", start, end, (size,)))
     return (*feet, *rest)
@@ -244,8 +242,8 @@ def _check_lower_legs(description: Description, model: pin.Model, spec: RobotSpe
         length = float(np.linalg.norm(foot - (axis @ foot) * axis))
         if length > 2 * spec.foot_radius:
             continue
-        frame = spec.foot.replace("{leg}", name)
-        knee = source.getJointId(spec.joints[2].replace("{leg}", name))
+        frame = spec.source_feet[number]
+        knee = source.getJointId(spec.source_joints[3 * number + 2])
         links = [
             link.name
             for link in source.frames
@@ -306,5 +304,4 @@ def _position_limits(description: Description, spec: RobotSpec) -> Array:
 
 def _joints(model: pin.Model, spec: RobotSpec) -> list[pin.JointModel]:
     """The twelve joints among those of the description, in canonical order."""
-    names = [pattern.replace("{leg}", leg) for leg in spec.legs for pattern in spec.joints]
-    return [model.joints[model.getJointId(name)] for name in names]
+    return [model.joints[model.getJointId(name)] for name in spec.source_joints]

@@ -84,10 +84,8 @@ def _meshes(robot: RobotModel, kind: pin.GeometryType) -> list[Mesh]:
         geometry = pin.buildGeomFromUrdf(source, str(description.path), kind, package_dirs=packages)
     except (ValueError, RuntimeError) as error:
         raise ValueError(f"{robot.name}: its meshes cannot be read ({error})") from error
-    names = {}
-    for number, leg in enumerate(robot.spec.legs):
-        for pattern, part in zip(robot.spec.joints, PARTS, strict=True):
-            names[pattern.replace("{leg}", leg)] = f"{LEGS[number]}_{part}"
+    links = [f"{leg}_{part}" for leg in LEGS for part in PARTS]
+    link_of = dict(zip(robot.spec.source_joints, links, strict=True))
     data = source.createData()
     pin.forwardKinematics(source, data, pin.neutral(source))
     meshes = []
@@ -96,7 +94,7 @@ def _meshes(robot: RobotModel, kind: pin.GeometryType) -> list[Mesh]:
             continue
         # A mesh of a locked joint belongs to the first joint above it that is not locked.
         joint = visual.parentJoint
-        while joint > 1 and source.names[joint] not in names:
+        while joint > 1 and source.names[joint] not in link_of:
             joint = source.parents[joint]
         placement = data.oMi[joint].actInv(data.oMi[visual.parentJoint]) * visual.placement
         shape = visual.geometry
@@ -104,7 +102,7 @@ def _meshes(robot: RobotModel, kind: pin.GeometryType) -> list[Mesh]:
         triangles = [(corner[0], corner[1], corner[2]) for corner in corners]
         meshes.append(
             Mesh(
-                names.get(source.names[joint], BASE),
+                link_of.get(source.names[joint], BASE),
                 placement,
                 np.array(shape.vertices()),
                 np.array(triangles),

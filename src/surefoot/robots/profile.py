@@ -75,16 +75,6 @@ def position_limits(profile: HardwareProfile) -> Array:
     return ranges if len(ranges) == 3 * len(LEGS) else np.tile(ranges, (len(LEGS), 1))
 
 
-def beyond_position(profile: HardwareProfile, q: Array) -> BoolArray:
-    """``(...)`` True where a joint is beyond its range.
-
-    Args:
-        profile: The profile.
-        q: ``(..., 19)`` configurations.
-    """
-    return beyond_range(position_limits(profile), q)
-
-
 def beyond_range(limits: Array, q: Array) -> BoolArray:
     """``(...)`` True where a joint is beyond its range.
 

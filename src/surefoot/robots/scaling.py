@@ -30,9 +30,9 @@ from surefoot.config import (
     SafetyConfig,
 )
 from surefoot.config.checked import known
-from surefoot.config.presets import (
-    ALL_ROUND,
-    FIRST,
+from surefoot.config.expert_rules import (
+    ALL_ROUND_RULES,
+    STRAIGHT_RULES,
     STRAIGHT_TROT,
     TROT_GAIN,
     is_solo12_trot,
@@ -176,7 +176,7 @@ def _scaled(own: float | None, reference: float | None, factor: float) -> float:
 def own_gait(gait: Gait, robot: RobotModel) -> Gait:
     """Return a gait with the robot's own heights in place of None."""
     own = own_values(robot)
-    return _filled(gait, com_height=own.com_height, step_height=own.step_height)
+    return filled(gait, com_height=own.com_height, step_height=own.step_height)
 
 
 def own_height(gait: Gait, robot: RobotModel) -> float:
@@ -188,7 +188,7 @@ def own_expert(expert: ExpertConfig, robot: RobotModel, gait: Gait | None = None
     """Return an expert's configuration with the robot's own values in place of None.
 
     Command gains that are neither given nor measured are Solo12's for its trot, and 1 otherwise.
-    Rules that are not given are the first ones for Solo12's trot, and the all-round ones otherwise.
+    Rules that are not given are the straight trot's for Solo12's trot, else the all-round ones.
 
     Args:
         expert: The configuration.
@@ -199,31 +199,30 @@ def own_expert(expert: ExpertConfig, robot: RobotModel, gait: Gait | None = None
     is_solo12 = robot.spec == SOLO12
     trots = gait is None or gait.timing == Gait().timing
     expert = replace(expert, kinematic=own_kinematic(expert.kinematic, robot))
-    return _filled(
+    return filled(
         expert,
         kp=own.kp,
         kd=own.kd,
         capture_time=own.capture_time,
         hip_outward=own.hip_outward,
         command_gain=TROT_GAIN if is_solo12 and trots else (1.0, 1.0, 1.0),
-        **vars(FIRST if is_solo12 and trots else ALL_ROUND),
+        **(STRAIGHT_RULES if is_solo12 and trots else ALL_ROUND_RULES),
     )
 
 
 def own_kinematic(kinematic: KinematicConfig, robot: RobotModel) -> KinematicConfig:
     """Return the whole-body problem's configuration with the robot's own values for None."""
     own = own_values(robot)
-    return _filled(kinematic, momentum_weight=own.momentum_weight, base_height=own.base_height)
+    return filled(kinematic, momentum_weight=own.momentum_weight, base_height=own.base_height)
 
 
-def own_policy(policy: PolicyConfig, robot: RobotModel) -> PolicyConfig:
-    """Return a policy's configuration with the robot's own gains in place of None."""
-    own = own_values(robot)
-    return _filled(policy, kp=own.policy_kp, kd=own.policy_kd)
+def filled(section: Section, **own: object) -> Section:
+    """Return a part of a configuration with some values in place of None.
 
-
-def _filled(section: Section, **own: float | tuple[float, ...] | None) -> Section:
-    """Return a part of a configuration with these values in its fields that are None."""
+    Args:
+        section: The part.
+        **own: A value for each of some fields by name; those that are given already stay.
+    """
     missing = {name: value for name, value in own.items() if vars(section)[name] is None}
     return replace(section, **missing)
 
@@ -241,8 +240,8 @@ def own_safety(safety: SafetyConfig, com_height: float, robot: RobotModel) -> Sa
         robot: The robot.
     """
     if robot.spec == SOLO12:
-        return _filled(safety, **{name: vars(TABLE_I)[name] for name in OWN_BOUNDS})
-    safety = _filled(
+        return filled(safety, **{name: vars(TABLE_I)[name] for name in OWN_BOUNDS})
+    safety = filled(
         safety,
         com_height=(round(0.75 * com_height, 6), max(1.0, 5.0 * com_height)),
         roll_pitch=TABLE_I.roll_pitch,
@@ -264,7 +263,7 @@ def own_pushes(
     ratio = size_of(robot).mass_ratio
     strong = by_mass(EXPERT_PUSH, ratio)
     push = strong if expert_drives else by_mass(PUSH, ratio)
-    return _filled(config, impulse=push, expert_impulse=strong)
+    return filled(config, impulse=push, expert_impulse=strong)
 
 
 def by_mass(impulse: tuple[float, float], ratio: float) -> tuple[float, float]:
@@ -291,6 +290,7 @@ def with_own_values(config: Config, robot: RobotModel | None = None) -> Config:
 
 def _with_own(config: Config, robot: RobotModel) -> Config:
     """The same for a configuration of one gait."""
+    own = own_values(robot)
     gait = own_gait(config.gait, robot)
     expert = own_expert(with_rules(config).expert, robot, gait)
     if config.expert.command_gain is None and not is_solo12_trot(config):
@@ -306,13 +306,13 @@ def _with_own(config: Config, robot: RobotModel) -> Config:
         robot=_own_robot(config.robot, robot),
         gait=gait,
         expert=expert,
-        policy=own_policy(config.policy, robot),
+        policy=filled(config.policy, kp=own.policy_kp, kd=own.policy_kd),
         safety=own_safety(config.safety, known(gait.com_height, "gait.com_height"), robot),
         start_set=start_set,
         collection=own_pushes(config.collection, robot, expert_drives=cloned),
         pretraining=own_pushes(config.pretraining, robot, expert_drives=True),
         evaluation=replace(config.evaluation, disturbance=disturbance),
-        push=_filled(config.push, resolution=level),
+        push=filled(config.push, resolution=level),
     )
 
 

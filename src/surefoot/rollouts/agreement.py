@@ -10,9 +10,9 @@ import numpy as np
 from surefoot.config import Gait
 from surefoot.robots.model import RobotModel
 from surefoot.rollouts.episodes import Episodes
-from surefoot.rollouts.roles import OfKnownGaits, OfOneRobot
+from surefoot.rollouts.roles import OfKnownGaits
 from surefoot.scenarios.ground import check_outside
-from surefoot.sim.protocol import OnGround, Simulator
+from surefoot.sim.protocol import Simulator
 from surefoot.sim.terrain import Ground
 from surefoot.types import Controller
 
@@ -44,9 +44,10 @@ def check_agreement(
             f"{B} initial states for a simulator of {simulator.batch} robots; give it {B} robots"
         )
     name = simulator.robot.name
-    if isinstance(policy, OfOneRobot) and isinstance(policy.robot, str) and policy.robot != name:
+    owner = getattr(policy, "robot", None)  # a trained policy says which robot it is for
+    if isinstance(owner, str) and owner != name:
         raise ValueError(
-            f"a policy of the robot {policy.robot!r} for a simulator of {name!r}; use a policy "
+            f"a policy of the robot {owner!r} for a simulator of {name!r}; use a policy "
             "that was trained on this robot"
         )
     _check_ground(simulator, episodes, simulator.robot)
@@ -56,8 +57,9 @@ def check_agreement(
 def _check_ground(simulator: Simulator, episodes: Episodes, robot: RobotModel) -> None:
     """Check that robots are on the ground that they are judged by, and begin on top of it."""
     ground = episodes.ground
-    laid = simulator.ground if isinstance(simulator, OnGround) else ground
-    if laid is None or isinstance(laid, Ground):  # your own simulator may mean something else
+    # Your own simulator may have no ground, or mean something else by it.
+    laid = getattr(simulator, "ground", ground)
+    if laid is None or isinstance(laid, Ground):
         if laid is not None and ground is None:
             raise ValueError(
                 "the simulator has ground, and the episodes have none, by which robots are judged; "

@@ -127,23 +127,23 @@ class CompiledLayout:
         if self._memory is not None:
             self._begin(self._memory, state)
             row = self._memory.next_row()
-            self._store(state, torque, self._memory.ring[row : row + 1], is_torque=True)
+            self._store(state, torque, self._memory.ring[row : row + 1])
 
     def _begin(self, memory: Memory, state: State) -> None:
         """Let the first states stand for all before them, if no tick has been stored yet."""
         if memory.begins:
-            self._store(state, state.q[:, 7:], memory.ring, is_torque=False)
+            self._store(state, np.full((len(state.q), 12), np.nan), memory.ring)
 
-    def _store(self, state: State, values: Array, rows: Float32Array, is_torque: bool) -> None:
-        """Write the samples of states, with torques or joint targets, into rows of the ring."""
+    def _store(self, state: State, torque: Array, rows: Float32Array) -> None:
+        """Write the samples of states and torques, NaN where there were none, into the ring."""
         spec = self._policy.spec
         _fill_samples(
             state.q,
             state.v,
             state.com,
             state.feet,
-            values,
-            (spec.kp, spec.kd) if is_torque else (0.0, 0.0),
+            torque,
+            (spec.kp, spec.kd),
             self._sample_columns,
             rows,
         )
@@ -243,7 +243,7 @@ def _fill_samples(
     v: Array,
     com: Array,
     feet: Array,
-    values: Array,
+    torque: Array,
     gains: tuple[float, float],
     columns: IntArray,
     out: Float32Array,
@@ -255,10 +255,8 @@ def _fill_samples(
         v: ``(B, 18)`` velocities.
         com: ``(B, 3)`` center of mass [m].
         feet: ``(B, 4, 3)`` foot positions [m].
-        values: ``(B, 12)`` torques [N m], where NaN makes the joint angle the target; joint targets
-            [rad] if the gains are zero.
-        gains: kp and kd of the PD, which turn torques into targets; zeros if the values are
-            targets.
+        torque: ``(B, 12)`` torques [N m]; NaN makes the joint angle the target.
+        gains: kp and kd of the PD, which turn torques into targets.
         columns: Where the parts of a sample lie in a whole row.
         out: The rows to fill.
     """
@@ -270,11 +268,9 @@ def _fill_samples(
         for i in range(size):
             out[0, robot, i] = row[columns[i]]
         for i in range(out.shape[2] - size):
-            target = values[robot, i]
-            if np.isnan(target):
-                target = q[robot, 7 + i]
-            elif kp > 0.0:
-                target = (target + kd * v[robot, 6 + i]) / kp + q[robot, 7 + i]
+            target = q[robot, 7 + i]
+            if not np.isnan(torque[robot, i]):
+                target = (torque[robot, i] + kd * v[robot, 6 + i]) / kp + target
             out[0, robot, size + i] = target
     for tick in range(1, len(out)):
         out[tick] = out[0]

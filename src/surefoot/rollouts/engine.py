@@ -8,7 +8,6 @@ ends, and `jobs` for many episodes.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 
@@ -16,15 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from surefoot.config import Gait, SafetyConfig
-from surefoot.robots.model import RobotModel, stop_speeding
+from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import own_height, own_safety
 from surefoot.rollouts.agreement import check_agreement, known_gaits
 from surefoot.rollouts.arbiters import Arbiter
 from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.episodes import Episodes, Rollout
+from surefoot.rollouts.motors import Motors
 from surefoot.rollouts.outcome import (
+    Falls,
     Outcome,
-    fallen,
     heights_of_swings,
     judged_from,
     never_standing,
@@ -35,7 +35,6 @@ from surefoot.rollouts.roles import Remembering, in_several_gaits
 from surefoot.scenarios.disturbance import Disturbance
 from surefoot.scenarios.push import push
 from surefoot.scenarios.sensors import make_sensors
-from surefoot.scenarios.torque_noise import HeldNoise
 from surefoot.sim.protocol import Simulator
 from surefoot.types import (
     Array,
@@ -100,7 +99,6 @@ def rollout(
     safety = _own_safety(safety, robot, gaits)
     T = to_ticks(episodes.duration)
     total = T + to_ticks(episodes.tail)
-    grace = to_ticks(safety.grace)
     simulator.vary(disturbance.friction, disturbance.mass)  # also undoes an earlier variation
     simulator.reset(starts.q, starts.v)
     expert.reset(B)
@@ -121,30 +119,22 @@ def rollout(
     recorder = _Recorder(total, B, apart, ask_always, uneven=felt_ground is not None)
     controllers = _Controllers(expert, policy, starts.command, robot.torque_limit, ask_always)
     everyone = np.ones(B, dtype=bool)
-    # The number of consecutive ticks in which something other than a foot touched the ground.
-    lying = np.zeros(B, dtype=np.int64) if safety.body_contact > 0.0 else None
-    # The torque applied is the one commanded `delay` ticks ago.
-    line = deque[Array](maxlen=disturbance.delay + 1)
-    noise = HeldNoise(disturbance.torque_noise) if disturbance.torque_noise else None
+    falls = Falls(safety, B)
+    motors = Motors(robot, disturbance, episodes.late)
     for elapsed in range(total + 1):
         state = simulator.state
         if elapsed == 0 and episodes.ground is not None and episodes.ground.touching is not None:
             state = replace(state, contacts=episodes.ground.touching)
         touching = one_flag_each(simulator.body_contact, B, simulator)
-        # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
-        lost = one_flag_each(simulator.blown_up, B, simulator)
+        blown_up = one_flag_each(simulator.blown_up, B, simulator)
         felt = state
         if felt_ground is not None:
             felt_ground = ground_height(state, robot.foot_radius, felt_ground)
             felt = lowered(state, felt_ground)
             if recorder.felt_ground is not None and elapsed < total:
                 recorder.felt_ground[elapsed] = felt_ground
-        if lying is not None:
-            lying = np.where(touching, lying + 1, 0)
-        if elapsed >= grace:
-            lost = lost | fallen(felt, safety)
-            if lying is not None:
-                lost = lost | (lying >= to_ticks(safety.body_contact))
+        # A robot whose numbers have run away is lost at once; a fall is tested after the grace.
+        lost = blown_up | falls.judge(felt, touching, elapsed)
         recorder.end(lost, Outcome.FELL, elapsed)
         if elapsed == total or not np.count_nonzero(recorder.active):
             break
@@ -163,16 +153,9 @@ def rollout(
         torque = controllers.torque(measured, shown, tick, choice, elapsed, recorder)
         if remembering is not None:  # whoever drove
             remembering.observe(measured, tick, torque)
-        if elapsed == 0:
-            line.extend(_before_the_first(episodes, disturbance.delay, torque))
-        line.append(torque)
         if disturbance.pushes is not None:
             push(simulator, disturbance.pushes, elapsed, recorder.active)
-        acting = line[0]
-        if noise is not None:
-            acting = clip_torque(acting + noise.at(elapsed), robot.torque_limit)
-        if robot.enforce_speed_limit:
-            acting = stop_speeding(acting, recorder.truth.v[elapsed][:, 6:], robot.speed_limit)
+        acting = motors.acting(torque, elapsed, recorder.truth.v[elapsed][:, 6:])
         simulator.step(acting, recorder.active)
         if progress is not None and (elapsed + 1) % PROGRESS_TICKS == 0:
             progress(PROGRESS_TICKS)
@@ -359,14 +342,6 @@ class _Controllers:
                 f"the {who} gave torques {torque.shape} for {expected[0]} robots; give {expected}"
             )
         return torque
-
-
-def _before_the_first(episodes: Episodes, delay: int, first: Array) -> list[Array]:
-    """The torques ``(B, 12)`` that act before the first one commanded in the episodes, in order."""
-    if episodes.late is None:
-        return [first] * delay
-    torques = np.swapaxes(episodes.late, 0, 1)
-    return [np.where(np.isnan(torque), first, torque) for torque in torques]
 
 
 def _blank_states(ticks: int, batch: int) -> State:

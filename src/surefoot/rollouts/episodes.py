@@ -19,8 +19,8 @@ from surefoot.learning.frames import Frames
 from surefoot.learning.layouts import LONGEST_HISTORY
 from surefoot.rollouts.outcome import failed
 from surefoot.rollouts.past import Past, join_pasts, with_past
-from surefoot.scenarios.disturbance import Disturbance, join_disturbances, join_optional
-from surefoot.scenarios.gait_switches import GaitSwitches, gait_table, join_switches
+from surefoot.scenarios.disturbance import Disturbance, join_disturbances
+from surefoot.scenarios.gait_switches import GaitSwitches, gaits_by_tick, join_switches
 from surefoot.scenarios.starts import Starts, join_starts
 from surefoot.scenarios.starts_check import check_starts, checked_ids, with_whole_numbers
 from surefoot.sim.terrain import Ground, join_grounds
@@ -131,7 +131,7 @@ class Episodes:
 
     def gaits_until(self, T: int) -> IntArray:
         """``(B, T)`` the number of the gait that each robot is to walk in the first T ticks."""
-        return gait_table(self.starts.gait, self.switches, T)
+        return gaits_by_tick(self.starts.gait, self.switches, T)
 
 
 def join_episodes(parts: Sequence[Episodes]) -> Episodes:
@@ -146,6 +146,7 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
     """
     grounds = _of_all([part.ground for part in parts], "have ground of their own; give all")
     disturbances = _of_all([part.disturbance for part in parts], "are disturbed; disturb all")
+    lates = _of_all([part.late for part in parts], "have late torques; give all")
     switches = _of_all([part.switches for part in parts], "change their gait; give all")
     pasts = _of_all([part.past for part in parts], "have a past; give all")
     return replace(
@@ -153,7 +154,7 @@ def join_episodes(parts: Sequence[Episodes]) -> Episodes:
         starts=join_starts([part.starts for part in parts]),
         id=np.concatenate([part.ids for part in parts]),
         disturbance=join_disturbances(disturbances) if disturbances else None,
-        late=join_optional([part.late for part in parts]),
+        late=np.concatenate(lates) if lates else None,
         ground=join_grounds(grounds) if grounds else None,
         switches=join_switches(switches) if switches else None,
         past=join_pasts(pasts) if pasts else None,
@@ -229,7 +230,7 @@ class Rollout:
     @property
     def gait(self) -> IntArray:
         """``(B, T)`` the number of the gait that each robot was to walk at each tick."""
-        return gait_table(self.starts.gait, self.switches, self.q.shape[1])
+        return gaits_by_tick(self.starts.gait, self.switches, self.q.shape[1])
 
     @property
     def felt(self) -> State:

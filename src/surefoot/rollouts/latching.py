@@ -13,7 +13,7 @@ from enum import IntEnum
 import numpy as np
 
 from surefoot.config.profiles import HardwareProfile
-from surefoot.robots.profile import beyond_position, beyond_speed, torque_limits
+from surefoot.robots.profile import beyond_range, beyond_speed, position_limits, torque_limits
 from surefoot.rollouts.episodes import Rollout
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, to_ticks
 
@@ -47,7 +47,7 @@ def first_latches(rollouts: Rollout, profile: HardwareProfile) -> tuple[IntArray
     T = rollouts.duration
     happened = rollouts.happened[:, :T]
     broken = {
-        Latch.POSITION: beyond_position(profile, rollouts.q[:, :T]),
+        Latch.POSITION: beyond_range(position_limits(profile), rollouts.q[:, :T]),
         Latch.SPEED: beyond_speed(profile, rollouts.v[:, :T]),
         Latch.TORQUE: _saturated(profile, rollouts.torque[:, :T], happened),
     }

@@ -1,6 +1,6 @@
 """How an episode ends: falls, and whether a robot kept stepping.
 
-`fallen` ends an episode; `stepping` decides afterwards whether the robot kept walking (paper,
+`Falls` ends an episode; `stepping` decides afterwards whether the robot kept walking (paper,
 IV-F). All of it is array code over B robots. Read `engine` next for where they are called.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from surefoot.config import Gait, SafetyConfig
 from surefoot.mpc.schedule import stands
-from surefoot.robots import bounds
+from surefoot.robots.bounds import fallen
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, State, to_ticks
 
 AIRBORNE = 40
@@ -39,9 +39,46 @@ def failed(outcome: IntArray) -> BoolArray:
     return (outcome == Outcome.FELL) | (outcome == Outcome.DIVERGED)
 
 
-def fallen(state: State, config: SafetyConfig) -> BoolArray:
-    """``(B,)`` True where base height, roll or pitch is that of a robot that has fallen."""
-    return bounds.fallen(state.q[:, 2], state.q, config)
+class Falls:
+    """Judges tick by tick which of B robots have fallen, from `SafetyConfig.grace` on.
+
+    A robot has fallen where its base's height, roll or pitch is out of bounds, and where something
+    other than a foot has been on the ground for `SafetyConfig.body_contact`.
+
+    Args:
+        safety: The bounds.
+        batch: The number of robots B.
+    """
+
+    def __init__(self, safety: SafetyConfig, batch: int) -> None:
+        self._safety = safety
+        self._grace = to_ticks(safety.grace)
+        # A time shorter than one tick counts as one tick.
+        self._most_lying = max(to_ticks(safety.body_contact), 1) if safety.body_contact else None
+        # The number of consecutive ticks of contact.
+        self._lying = np.zeros(batch, np.int64)
+
+    def reset(self, rows: BoolArray) -> None:
+        """Forget the contacts of the robots ``(B,)`` that begin an episode."""
+        self._lying[rows] = 0
+
+    def judge(self, state: State, touching: BoolArray, elapsed: IntArray | int) -> BoolArray:
+        """Count another tick; return ``(B,)`` True where a robot has fallen.
+
+        Args:
+            state: The states of B robots, with heights above their ground.
+            touching: ``(B,)`` True where something other than a foot touches the ground.
+            elapsed: The number of ticks since the episodes began, or ``(B,)`` that of each robot.
+        """
+        if self._most_lying is not None:
+            self._lying = np.where(touching, self._lying + 1, 0)
+        judged = elapsed >= self._grace
+        if not np.count_nonzero(judged):
+            return np.zeros(len(touching), bool)
+        lost = fallen(state.q, self._safety)
+        if self._most_lying is not None:
+            lost |= self._lying >= self._most_lying
+        return lost & judged
 
 
 def judged_from(safety: SafetyConfig, *gaits: Gait) -> float | None:

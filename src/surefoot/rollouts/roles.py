@@ -52,16 +52,6 @@ class OfKnownGaits(Protocol):
     gaits: tuple[Gait, ...]
 
 
-@runtime_checkable
-class OfOneRobot(Protocol):
-    """A controller that says which robot it is for, as a trained policy does."""
-
-    @property
-    def robot(self) -> object:
-        """The name of the robot."""
-        ...
-
-
 def in_several_gaits(controllers: Sequence[Controller | None]) -> list[InSeveralGaits]:
     """Check that all of these controllers can be told the gaits, and return them.
 

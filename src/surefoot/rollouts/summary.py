@@ -2,7 +2,7 @@
 
 `summarize` makes a `Summary` of a rollout, `join_summaries` puts several together; runs store one
 per chunk. Base velocities, and the tracking errors that follow from them, are computed here too.
-Read `evaluation.robustness` and `runs.accounting` next for what is reported.
+Read `evaluation.robustness` and `runs.collection_cost` next for what is reported.
 """
 
 from __future__ import annotations

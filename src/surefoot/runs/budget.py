@@ -17,9 +17,8 @@ import numpy as np
 from surefoot.config import Config, IterativeConfig
 from surefoot.learning.frames import whole_episode
 from surefoot.rollouts.jobs import ChunkResult
-from surefoot.rollouts.summary import Summary
 from surefoot.runs.run import Run
-from surefoot.types import GRID, TICKS_PER_SECOND, IntArray
+from surefoot.types import GRID, TICKS_PER_SECOND
 
 SECONDS_PER_SOLVE = GRID / TICKS_PER_SECOND
 """[s] the time of the expert that one MPC solve counts as."""
@@ -89,14 +88,6 @@ def iterations_within_budget(run: Run, iterations: int, first: int = 1) -> Itera
         yield i
 
 
-def rollout_costs(summary: Summary) -> tuple[IntArray, IntArray]:
-    """Ids ``(n,)`` of rollouts in ascending order, and MPC solves ``(n,)`` with their queries."""
-    ids, which = np.unique(whole_episode(summary.episode), return_inverse=True)
-    costs = np.zeros(len(ids), dtype=np.int64)
-    np.add.at(costs, which, summary.plans)
-    return ids, costs
-
-
 def affordable_part(result: ChunkResult, left: int) -> ChunkResult:
     """The first rollouts of a chunk, in the order of their ids, that fit into the budget left.
 
@@ -104,8 +95,11 @@ def affordable_part(result: ChunkResult, left: int) -> ChunkResult:
         result: The result of the chunk.
         left: Number of MPC solves that may be spent.
     """
-    ids, costs = rollout_costs(result.summary)
-    fits = np.cumsum(costs) <= left
+    summary = result.summary
+    ids, which = np.unique(whole_episode(summary.episode), return_inverse=True)
+    solves = np.zeros(len(ids), dtype=np.int64)
+    np.add.at(solves, which, summary.plans)  # those of a rollout's queries, too
+    fits = np.cumsum(solves) <= left
     if fits.all():
         return result
     chosen = ids[fits]
@@ -115,7 +109,6 @@ def affordable_part(result: ChunkResult, left: int) -> ChunkResult:
         trace = replace(
             trace, episode=trace.episode[rows], inputs=trace.inputs[rows], label=trace.label[rows]
         )
-    summary = result.summary
     recording = result.recording
     return ChunkResult(
         summary[np.isin(whole_episode(summary.episode), chosen)],

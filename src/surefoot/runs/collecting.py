@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,8 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary, join_summaries
 from surefoot.runs.budget import affordable_part
 from surefoot.runs.episode_ids import shard_name
-from surefoot.runs.run import Run, RunError
+from surefoot.runs.layout import RunError
+from surefoot.runs.run import Run
 from surefoot.workers import Workers, each_chunk
 
 PlayChunks = Callable[[Sequence[Job], Workers, str], Generator[tuple[int, ChunkResult]]]
@@ -67,6 +68,7 @@ class _Chunks:
     stored: set[str]
     title: str
     play: PlayChunks
+    _summaries: dict[int, Summary] = field(default_factory=dict, init=False)
 
     def run_missing(
         self, first: int, end: int, workers: Workers
@@ -79,8 +81,11 @@ class _Chunks:
                 yield missing[done], result
 
     def summary(self, number: int) -> Summary:
-        """The stored summary of a chunk."""
-        return load_arrays(self.run.summary_path(self.names[number]), Summary)
+        """The stored summary of a chunk, which is read once."""
+        if number not in self._summaries:
+            path = self.run.summary_path(self.names[number])
+            self._summaries[number] = load_arrays(path, Summary)
+        return self._summaries[number]
 
 
 def run_and_store(
@@ -88,8 +93,8 @@ def run_and_store(
     iteration: int,
     job: Job,
     workers: Workers,
-    limit: Limit | None = None,
-    play: PlayChunks = simulate_chunks,
+    limit: Limit | None,
+    play: PlayChunks,
 ) -> Summary | None:
     """Run the chunks of a job that are not stored yet, and store each as soon as it is done.
 
@@ -138,16 +143,14 @@ def run_and_store(
             "it, or shorter rollouts"
         )
     if not teaches or 0 < len(held_back) == len(done):
-        old = [
-            load_arrays(run.summary_path(name), Summary) for name in names if name in chunks.stored
-        ]
+        old = [chunks.summary(n) for n, name in enumerate(names) if name in chunks.stored]
         text = _failure_text(job, [*old, *(result.summary for _, result in held_back)])
         advice = "fix the plan, or the options that it depends on, and "
         advice += f"begin another run: {run.folder} holds these" if old else "try again"
         raise RunError(f"{text}; {advice}")
     for name, result in held_back:
         _store(run, name, result)
-    summaries = [load_arrays(run.summary_path(name), Summary) for name in names if name in done]
+    summaries = [chunks.summary(n) for n, name in enumerate(names) if name in done]
     return join_summaries(summaries) if summaries else None
 
 

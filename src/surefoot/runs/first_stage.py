@@ -19,8 +19,9 @@ from surefoot.learning.policy import Policy, save
 from surefoot.robots.identity import description_hash
 from surefoot.runs.budget import first_allowance
 from surefoot.runs.episode_ids import iteration_of_shard
+from surefoot.runs.layout import RunError
 from surefoot.runs.policies import load_policy
-from surefoot.runs.run import Run, RunError
+from surefoot.runs.run import Run
 from surefoot.scenarios.starts import PACKAGED, load_starts
 
 Shared = Literal["data", "policy"]

@@ -31,9 +31,10 @@ from surefoot.learning.policy import Policy
 from surefoot.learning.samples import derive, held_out
 from surefoot.rollouts.traces import Trace, history_rows
 from surefoot.runs.episode_ids import iteration_of_shard
+from surefoot.runs.layout import RunError
 from surefoot.runs.metrics import GateTrained, LearnedGate
 from surefoot.runs.policies import load_policy
-from surefoot.runs.run import Run, RunError
+from surefoot.runs.run import Run
 from surefoot.runs.stages import dataset_of
 from surefoot.safety.gates import AnyOf, Bounds, Gate, tightened
 from surefoot.safety.learned import Deviation, History

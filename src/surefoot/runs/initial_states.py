@@ -81,7 +81,7 @@ def resumed_config(config: Config, before: Config, starts_hash: str) -> Config:
     Raises:
         FileNotFoundError: The requested set of initial states does not exist.
     """
-    config = with_values_of(before, config)
+    config = with_values_of(config, before)
     sets = _sets_of(config)
     earlier = _sets_of(before)
     if len(sets) != len(earlier):  # another configuration, whatever its initial states

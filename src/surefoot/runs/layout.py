@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from surefoot.config import MOST_GAITS
+from surefoot.files import lock_file, whole_name
 
 CONFIG_FILE = "config.json"
 """File in a run's folder that makes the folder a run."""
@@ -20,11 +21,12 @@ OTHER_STARTS_FILE = "starts-{number}.npz"
 """File of the copy of the initial states of any gait after the first one, by its number."""
 ROBOT_FILE = "robot.urdf"
 """File of the run's own copy of the description of a robot that does not come with the package."""
-COPIES = (
+STARTS_FILES = (
     STARTS_FILE,
     *(OTHER_STARTS_FILE.format(number=number) for number in range(1, MOST_GAITS)),
-    ROBOT_FILE,
 )
+"""All files of copies of initial states."""
+COPIES = (*STARTS_FILES, ROBOT_FILE)
 """All files that a run may copy when it begins, so that it needs no files elsewhere."""
 METRICS_FILE = "metrics.jsonl"
 """File of the metrics: one line for each stage that is done."""
@@ -63,6 +65,31 @@ EARLY = (LOCK_FILE, *COPIES)
 
 class RunError(ValueError):
     """A run folder cannot be used as asked."""
+
+
+def claim(folder: Path) -> None:
+    """Keep other processes from training in a folder until this one ends, even if killed.
+
+    Raises:
+        RunError: Another process is training in the folder.
+        WriteError: The folder cannot be written to.
+    """
+    if not lock_file(folder / LOCK_FILE):
+        raise RunError(
+            f"another process trains in {folder}; wait for it, or choose another folder with --run"
+        )
+
+
+def remove_left_overs(folder: Path) -> None:
+    """Remove partly written files of a killed process from the run's folder, now locked.
+
+    Only the run's own files count: others may be films that another process is drawing now.
+    """
+    own = [part for name in OWN for part in (folder / name).glob(".*")]
+    for part in [*own, *folder.glob(".*")]:
+        name = whole_name(part)
+        if name is not None and (part in own or name in OWN):
+            part.unlink()
 
 
 def run_that_owns(path: Path, new_run: Path | None = None) -> Path | None:

@@ -22,7 +22,7 @@ from surefoot.config.json_text import parse_json
 from surefoot.errors import shown, unknown
 from surefoot.evaluation.robustness import Robustness
 from surefoot.learning.classifier import ClassifierQuality
-from surefoot.runs.accounting import CollectionCost
+from surefoot.runs.collection_cost import CollectionCost
 
 LearnedGate = Literal["classifier", "history"]
 """The gates that are networks: `safety.learned.Deviation` and `safety.learned.History`."""

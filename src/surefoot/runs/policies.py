@@ -37,9 +37,8 @@ from surefoot.robots.load import find_spec, load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
-from surefoot.runs.layout import KEPT_POLICY_FILE
-from surefoot.runs.run import CONFIG_FILE, Run, open_run, run_of_policy
-from surefoot.scenarios.prepare import completed
+from surefoot.runs.layout import CONFIG_FILE, KEPT_POLICY_FILE
+from surefoot.runs.run import Run, open_run, run_of_policy
 from surefoot.types import JOINTS, Array
 
 PACKAGED_POLICY = Path(__file__).parent / "data" / "solo12-trot.safetensors"
@@ -53,8 +52,8 @@ def find_policy(target: Path | None) -> tuple[Path, Config]:
 
     For a policy in a run's folder, the configuration is that of the run. For any other policy it is
     the default with the values in the file: robot, gait, commands, gains, phase and safety bounds.
-    It then lacks the values that have to be measured (see `prepared_for`), except for Solo12's trot
-    straight ahead.
+    It then lacks the values that have to be measured (see `scenarios.prepare.completed`), except
+    for Solo12's trot straight ahead.
 
     Args:
         target: Folder of a run, the part of it that a study keeps, or a policy file; None is the
@@ -120,21 +119,6 @@ def _other_torques(policy: Policy, config: Config) -> str:
         f"; it was trained with at most {own[joint]:g} N m at {JOINTS[joint]}, where the robot has "
         f"{limit[joint]:g}: give it the limits of its training, for example with --profile"
     )
-
-
-def prepared_for(policy: Path, config: Config) -> Config:
-    """The configuration to measure a policy with, including initial states and command gains.
-
-    A run has its own. For a policy in no run they are prepared, or reused if they exist already.
-
-    Args:
-        policy: File of the policy.
-        config: The configuration of `find_policy`.
-
-    Raises:
-        ValueError: The robot cannot walk in a gait or at the commands of the policy.
-    """
-    return completed(config) if run_of_policy(policy) is None else config
 
 
 def config_of_policy(robot: str, gaits: Sequence[GaitTiming], command_range: Array) -> Config:

@@ -15,11 +15,10 @@ from typing import TypeVar
 
 import numpy as np
 
-from surefoot.config import Config, method_name
+from surefoot.config import Config, MethodConfig
 from surefoot.config.json_io import changes_text, from_json, to_json
 from surefoot.config.json_text import read_file
-from surefoot.config.presets import with_earlier_ground
-from surefoot.files import lock_file, whole_name, write_atomic, write_json
+from surefoot.files import whole_name, write_atomic, write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
 from surefoot.runs.initial_states import (
@@ -34,10 +33,10 @@ from surefoot.runs.layout import (
     EARLY,
     EXPERT_FILE,
     KEPT_POLICY_FILE,
-    LOCK_FILE,
     METRICS_FILE,
-    OWN,
     RunError,
+    claim,
+    remove_left_overs,
 )
 from surefoot.runs.metrics import (
     Best,
@@ -58,6 +57,7 @@ from surefoot.runs.versions import changed_versions, versions
 from surefoot.scenarios.seeds import seed_of
 
 Record = TypeVar("Record", bound=StageRecord)
+Parameters = TypeVar("Parameters", bound=MethodConfig)
 
 
 class Run:
@@ -66,40 +66,25 @@ class Run:
     Args:
         folder: Folder of the run.
         config: Configuration of the run.
-        precision: The number format that was chosen when the run began (see `Setup`).
+        setup: What its ``config.json`` says; None for a run that has no such file.
 
     Attributes:
         folder: Folder of the run.
         config: Configuration of the run.
-        precision: The number format that was chosen when the run began, or None
-            (`runs.precision`).
+        setup: What its ``config.json`` says, in which the files that the run has copied have no
+            folder.
         dataset: D, all frames that the run has kept.
         listeners: Functions that are called with each record once it is on disk.
     """
 
-    def __init__(
-        self, folder: Path, config: Config, precision: PrecisionChoice | None = None
-    ) -> None:
+    def __init__(self, folder: Path, config: Config, setup: Setup | None = None) -> None:
         self.folder = folder
         self.config = config
-        self.precision = precision
+        self.setup = setup or Setup(config)
         self.dataset = Dataset(folder / "data")
         self.listeners: list[Callable[[StageRecord], None]] = []
         self._parsed = b""
         self._records: list[StageRecord] = []
-
-    def claim(self) -> None:
-        """Keep other processes from training in the folder until this one ends, even if killed.
-
-        Raises:
-            RunError: Another process is training in the folder.
-            WriteError: The folder cannot be written to.
-        """
-        if not lock_file(self.folder / LOCK_FILE):
-            raise RunError(
-                f"another process trains in {self.folder}; wait for it, or choose another folder "
-                "with --run"
-            )
 
     def policy_path(self, iteration: int) -> Path:
         """File of the policy that an iteration trained; iteration 0 is the pre-training."""
@@ -159,7 +144,26 @@ class Run:
     @property
     def method(self) -> str:
         """Name of the run's method."""
-        return method_name(self.config)
+        return self.config.method.name
+
+    @property
+    def precision(self) -> PrecisionChoice | None:
+        """The number format that was chosen when the run began, or None (`runs.precision`)."""
+        return self.setup.precision
+
+    def parameters(self, kind: type[Parameters]) -> Parameters:
+        """The method's parameters.
+
+        Args:
+            kind: The class of the parameters, one for each method.
+
+        Raises:
+            TypeError: The run was configured for another method.
+        """
+        method = self.config.method
+        if not isinstance(method, kind):
+            raise TypeError(f"this run is configured for {self.method}, not for {kind.name}")
+        return method
 
     def seed(self, purpose: str, iteration: int) -> np.random.SeedSequence:
         """Seed of an iteration's draws for one purpose, derived from the root seed."""
@@ -274,18 +278,17 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
         ValueError: The configured device does not exist, or lacks the configured precision.
     """
     folder = Path(folder)
-    path = folder / CONFIG_FILE
     check_folder(folder, resume)
-    run = Run(folder, config)
-    run.claim()  # first: if two processes begin together, only one may read and write what follows
-    _remove_left_overs(folder)
-    run.config = config_for(folder, config, resume)
-    if path.exists():
+    # First: if two processes begin together, only one may read and write what follows.
+    claim(folder)
+    remove_left_overs(folder)
+    config = config_for(folder, config, resume)
+    if (folder / CONFIG_FILE).exists():
         before = open_run(folder)
         goes_on = resume or before.has_begun  # otherwise a new run overwrites no results
         if goes_on and before.precision is None:
-            run.config = with_precision_of(run.config, before.config)
-        other = changes_text(run.config, before.config)
+            config = with_precision_of(config, before.config)
+        other = changes_text(config, before.config)
         if goes_on and other:
             anew = "" if before.has_begun else "; without --resume it begins anew"
             raise RunError(
@@ -293,27 +296,15 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
                 f"options it was started with, or choose another folder with --run{anew}"
             )
         if not other:
-            check_same_starts(folder, before.config, read_setup(folder).starts_hash)
+            check_same_starts(folder, before.config, before.setup.starts_hash)
             warn_of_versions(before)
             return before
-    keep_robot(folder, run.config)
-    run.config, written, starts_hash = keep_starts(folder, run.config)
-    run.precision = choose_for_run(run.config)
-    used = versions(written.simulation.backend)
-    write_json(path, Setup(written, used, run.precision, starts_hash))
-    return run
-
-
-def _remove_left_overs(folder: Path) -> None:
-    """Remove partly written files of a killed process from the run's folder, now locked.
-
-    Only the run's own files count: others may be films that another process is drawing now.
-    """
-    own = [part for name in OWN for part in (folder / name).glob(".*")]
-    for part in [*own, *folder.glob(".*")]:
-        name = whole_name(part)
-        if name is not None and (part in own or name in OWN):
-            part.unlink()
+    keep_robot(folder, config)
+    config, written, starts_hash = keep_starts(folder, config)
+    used = versions(config.simulation.backend)
+    setup = Setup(written, used, choose_for_run(config), starts_hash)
+    write_json(folder / CONFIG_FILE, setup)
+    return Run(folder, config, setup)
 
 
 def config_for(folder: Path, config: Config, resume: bool = False) -> Config:
@@ -332,7 +323,7 @@ def config_for(folder: Path, config: Config, resume: bool = False) -> Config:
     if (folder / CONFIG_FILE).exists():
         before = open_run(folder)
         if resume or before.has_begun:
-            return resumed_config(config, before.config, read_setup(folder).starts_hash)
+            return resumed_config(config, before.config, before.setup.starts_hash)
     return begun_config(config)
 
 
@@ -344,8 +335,8 @@ def open_run(folder: Path | str) -> Run:
     """
     folder = Path(folder)
     setup = read_setup(folder)
-    config = with_own_starts(folder, with_earlier_ground(setup.config))
-    return Run(folder, with_own_robot(folder, config), setup.precision)
+    config = with_own_starts(folder, setup.config)
+    return Run(folder, with_own_robot(folder, config), setup)
 
 
 def run_of_policy(policy: Path) -> Run | None:
@@ -361,7 +352,7 @@ def run_of_policy(policy: Path) -> Run | None:
 
 def warn_of_versions(run: Run) -> None:
     """Warn if a run was begun with other versions than those installed now."""
-    differences = changed_versions(read_setup(run.folder).versions, run.config.simulation.backend)
+    differences = changed_versions(run.setup.versions, run.config.simulation.backend)
     if differences:
         warnings.warn(
             f"{run.folder} was begun with other versions ({'; '.join(differences)}); what follows "

@@ -24,16 +24,17 @@ from surefoot.learning.symmetry import Mirrored
 from surefoot.learning.train import FitResult, fit
 from surefoot.rollouts.jobs import Job, expert_name
 from surefoot.rollouts.summary import Summary, join_summaries
-from surefoot.runs.accounting import collection_cost
 from surefoot.runs.budget import SECONDS_PER_SOLVE, allowance
-from surefoot.runs.checks import check_expert, remember_expert
 from surefoot.runs.collecting import Limit, PlayChunks, run_and_store, simulate_chunks
+from surefoot.runs.collection_cost import collection_cost
 from surefoot.runs.episode_ids import end_of_iteration
+from surefoot.runs.layout import RunError
 from surefoot.runs.metrics import Best, Collected, Trained, Validated
+from surefoot.runs.own_expert import check_expert, remember_expert
 from surefoot.runs.policies import fitted_policy, load_policy
 from surefoot.runs.precision import kept_precision
 from surefoot.runs.progress import epochs_bar
-from surefoot.runs.run import Run, RunError
+from surefoot.runs.run import Run
 from surefoot.runs.sampling import pretraining_rollouts, series_order
 from surefoot.scenarios.gaits import all_starts_of
 from surefoot.types import PlanFunction

@@ -153,8 +153,8 @@ class _TensorBoard:
     def add(self, record: StageRecord) -> None:
         """Write the numbers of a stage."""
         with writing(self.folder):
-            for name, value in scalars_of(record):
-                self.writer.add_scalar(f"{record.stage}/{name}", value, record.iteration)
+            for name, value in scalars_of(record).items():
+                self.writer.add_scalar(name, value, record.iteration)
             self.writer.flush()
 
     def close(self) -> None:
@@ -209,7 +209,7 @@ class _Wandb:
 
     def add(self, record: StageRecord) -> None:
         """Log the numbers of a stage."""
-        values = {f"{record.stage}/{name}": value for name, value in scalars_of(record)}
+        values = scalars_of(record)
         if self.number >= self.run.step:
             self.run.log({"iteration": record.iteration, **values}, step=self.number, commit=True)
         self.number += 1
@@ -249,8 +249,7 @@ class _Trackio:
 
     def add(self, record: StageRecord) -> None:
         """Log the numbers of a stage."""
-        values = {f"{record.stage}/{name}": value for name, value in scalars_of(record)}
-        self.run.log(values, step=record.iteration)
+        self.run.log(scalars_of(record), step=record.iteration)
 
     def close(self) -> None:
         """Finish the run."""
@@ -284,11 +283,13 @@ def _kept_id(path: Path) -> str:
     return identity
 
 
-def scalars_of(record: StageRecord) -> Iterator[tuple[str, float]]:
-    """The numbers of a record with their names; texts, hashes and None are left out."""
+def scalars_of(record: StageRecord) -> dict[str, float]:
+    """The numbers of a record by ``stage/field``; texts, hashes and None are left out."""
+    numbers = {}
     for field in fields(record):
         if field.name not in LEFT_OUT:
-            yield from _scalars(field.name, getattr(record, field.name))
+            numbers.update(_scalars(f"{record.stage}/{field.name}", getattr(record, field.name)))
+    return numbers
 
 
 def _scalars(name: str, value: object) -> Iterator[tuple[str, float]]:

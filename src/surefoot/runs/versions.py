@@ -27,11 +27,16 @@ def versions(backend: Backend = "mujoco") -> dict[str, str]:
     names = (*PACKAGES, "pybullet") if backend == "bullet" else PACKAGES
     by_name = {"python": platform.python_version(), "processor": processor()}
     for name in names:
-        try:
-            by_name[name] = version(name)
-        except PackageNotFoundError:
-            by_name[name] = "missing"
+        by_name[name] = installed(name) or "missing"
     return by_name
+
+
+def installed(package: str) -> str | None:
+    """The version of a package; None if it is not installed."""
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
 
 
 def changed_versions(before: Mapping[str, str], backend: Backend) -> list[str]:

@@ -50,7 +50,7 @@ def largest_box(robot: RobotModel, config: Config) -> CommandBox | None:
     return zero if walks_enough(_up(robot, config, zero.spread(1))) else None
 
 
-def describe(box: CommandBox) -> str:
+def box_in_words(box: CommandBox) -> str:
     """A box for messages, in the form of command-line options."""
     return " ".join(
         f"--{name} {low:g} {high:g}"

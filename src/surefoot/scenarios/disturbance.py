@@ -228,15 +228,15 @@ def join_disturbances(parts: Sequence[Disturbance]) -> Disturbance:
     return replace(
         parts[0],
         pushes=joined,
-        friction=join_optional([part.friction for part in parts]),
-        mass=join_optional([part.mass for part in parts]),
+        friction=_join_optional([part.friction for part in parts]),
+        mass=_join_optional([part.mass for part in parts]),
         seeds=tuple(seed for part in parts for seed in part.seeds),
-        measured=join_optional([part.measured for part in parts]),
+        measured=_join_optional([part.measured for part in parts]),
         torque_noise=join_torque_noises([p.torque_noise for p in parts if p.torque_noise]),
     )
 
 
-def join_optional(parts: Sequence[NDArray | None]) -> NDArray | None:
+def _join_optional(parts: Sequence[NDArray | None]) -> NDArray | None:
     """Arrays one after another; None if there are none.
 
     Raises:

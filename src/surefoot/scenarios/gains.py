@@ -20,7 +20,7 @@ from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import size_of, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
-from surefoot.scenarios.boxes import describe
+from surefoot.scenarios.boxes import box_in_words
 from surefoot.scenarios.calibration import calibrate_command_gain, needed_axes, told_commands
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.preparation import CommandGain, Triple
@@ -48,7 +48,7 @@ def check_goes(config: Config) -> None:
     if all(map(stands, config.gaits)) and needed_axes(config.commands).any():
         raise GaitError(
             f"the gait {names_of(config)} goes nowhere, but the commands are "
-            f"{describe(config.commands)}; make them zero, or use another gait"
+            f"{box_in_words(config.commands)}; make them zero, or use another gait"
         )
 
 

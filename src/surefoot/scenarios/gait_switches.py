@@ -78,19 +78,6 @@ class GaitSwitches:
         gaits = np.column_stack([first, self.gait])
         return gaits[np.arange(len(self)), begun]
 
-    def table(self, first: IntArray, ticks: int) -> IntArray:
-        """``(B, ticks)`` the same as `at`, for all ticks of an episode.
-
-        Args:
-            first: ``(B,)`` the gaits in which the robots begin.
-            ticks: The number of ticks.
-        """
-        table = np.repeat(np.asarray(first)[:, None], ticks, axis=1)
-        for robot, (elapsed, gait) in enumerate(zip(self.elapsed, self.gait, strict=True)):
-            for tick, number in zip(elapsed.tolist(), gait.tolist(), strict=True):
-                table[robot, max(tick, 0) :] = number
-        return table
-
     def after(self, elapsed: IntArray) -> GaitSwitches:
         """The switches of new episodes that branch off from these.
 
@@ -101,7 +88,7 @@ class GaitSwitches:
         return GaitSwitches(later, self.gait)
 
 
-def gait_table(first: IntArray, switches: GaitSwitches | None, ticks: int) -> IntArray:
+def gaits_by_tick(first: IntArray, switches: GaitSwitches | None, ticks: int) -> IntArray:
     """``(B, ticks)`` the number of the gait that each robot is to walk, tick by tick.
 
     Args:
@@ -109,9 +96,13 @@ def gait_table(first: IntArray, switches: GaitSwitches | None, ticks: int) -> In
         switches: When they change their gait; None if none does.
         ticks: The number of ticks.
     """
+    table = np.repeat(first[:, None], ticks, axis=1)
     if switches is None:
-        return np.repeat(first[:, None], ticks, axis=1)
-    return switches.table(first, ticks)
+        return table
+    for robot, (elapsed, gait) in enumerate(zip(switches.elapsed, switches.gait, strict=True)):
+        for tick, number in zip(elapsed.tolist(), gait.tolist(), strict=True):
+            table[robot, max(tick, 0) :] = number
+    return table
 
 
 def join_switches(parts: Sequence[GaitSwitches]) -> GaitSwitches:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import ast
 import hashlib
+import io
 import json
+import tokenize
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -121,7 +123,7 @@ def code_hash(folders: Sequence[str] = FOLDERS) -> str:
 
 @cache
 def _code_of(path: Path, changed: int, size: int) -> bytes:
-    """The lines of a module without docstrings, lines of comment and empty lines.
+    """The lines of a module without docstrings, comments and empty lines.
 
     Args:
         path: The module.
@@ -130,15 +132,19 @@ def _code_of(path: Path, changed: int, size: int) -> bytes:
     """
     del changed, size
     text = path.read_text()
-    left_out = set[int]()
+    lines = text.split("\n")
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type == tokenize.COMMENT:
+            row, column = token.start
+            lines[row - 1] = lines[row - 1][:column].rstrip()
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-            left_out.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
-    lines = [line for n, line in enumerate(text.splitlines(), 1) if n not in left_out]
-    code = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
-    return "\n".join(code).encode()
+            for row in range(node.lineno, (node.end_lineno or node.lineno) + 1):
+                lines[row - 1] = ""
+    return "\n".join(line for line in lines if line.strip()).encode()
 
 
+@cache
 def _version(name: str) -> str:
     """The version of a package; empty if it is not installed."""
     try:

@@ -16,7 +16,7 @@ from surefoot.config import PerturbationConfig, SafetyConfig
 from surefoot.robots.bounds import fallen
 from surefoot.robots.geometry import lowest_points
 from surefoot.robots.model import RobotModel
-from surefoot.robots.profile import beyond_position, beyond_range
+from surefoot.robots.profile import beyond_range, position_limits
 from surefoot.scenarios.walking import GaitError
 from surefoot.types import Array, BoolArray
 
@@ -142,10 +142,10 @@ def acceptable(
     feet, rest = lowest_points(robot, data, q)
     if stance is not None:
         feet = feet[~stance]
-    if robot.profile is not None and beyond_position(robot.profile, q):
+    if robot.profile is not None and beyond_range(position_limits(robot.profile), q):
         return False
     return bool(
         feet.min(initial=np.inf) >= -config.max_penetration
         and rest.min() > 0.0
-        and not fallen(q[None, 2], q[None], safety)[0]
+        and not fallen(q[None], safety)[0]
     )

@@ -20,8 +20,8 @@ import numpy as np
 from surefoot.caches import user_folder
 from surefoot.config import Config, Gait, PerturbationConfig, SafetyConfig, Split
 from surefoot.config.checked import known
+from surefoot.config.expert_rules import with_ground, with_rules
 from surefoot.config.gait_table import gait_name
-from surefoot.config.presets import with_ground, with_rules
 from surefoot.mpc.gaits import only_gait
 from surefoot.mpc.schedule import stands
 from surefoot.robots.identity import description_hash
@@ -29,9 +29,9 @@ from surefoot.robots.joint_bounds import with_ranges
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.profile import beyond_range
-from surefoot.robots.scaling import own_safety, with_own_values
+from surefoot.robots.scaling import filled, own_safety, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
-from surefoot.scenarios.boxes import describe, largest_box, walks_enough
+from surefoot.scenarios.boxes import box_in_words, largest_box, walks_enough
 from surefoot.scenarios.gains import NO_GAIN, ZERO, check_goes, measured_gain, with_measured_gain
 from surefoot.scenarios.keys import ingredients_of, key_of
 from surefoot.scenarios.make import (
@@ -102,8 +102,8 @@ def prepare(
         return found
     began = time.perf_counter()
     logger.info(
-        f"{robot.name}, {gait_name(config.gait)}, {describe(config.commands)}: made once, in less "
-        f"than two minutes, and kept in {path}"
+        f"{robot.name}, {gait_name(config.gait)}, {box_in_words(config.commands)}: made once, in "
+        f"less than two minutes, and kept in {path}"
     )
     counts = {size.velocities for size in sizes.values()}
     spread = {count: config.commands.spread(count) for count in sorted(counts)}
@@ -116,6 +116,8 @@ def prepare(
     if not walks_enough(up):
         raise _refusal(robot, config, commands, up)
     settled = walks.since(int(cycle_instants(config.gait)[0]))
+    cycles = {count: _cycle(settled, up, config, each) for count, each in spread.items()}
+    starts = make_starts(key[:8], config, cycles, perturbation, seed, sizes)
     made = Preparation(
         key=key,
         description=description_hash(robot.spec),
@@ -123,11 +125,8 @@ def prepare(
         gain=gain,
         safety=settled_bounds(robot, _own_bounds(robot, config), settled.of(up)),
         followed=_followed(settled, up, config.gait),
-        seconds=0.0,
+        seconds=round(time.perf_counter() - began, 1),
     )
-    cycles = {count: _cycle(settled, up, config, each) for count, each in spread.items()}
-    starts = make_starts(key[:8], config, cycles, perturbation, seed, sizes)
-    made = replace(made, seconds=round(time.perf_counter() - began, 1))
     _warn_of_walks(robot, config, made, settled.of(up))
     # Another process may have made the same file meanwhile, and may be reading it now.
     found = _find(path, key)
@@ -217,14 +216,14 @@ def _refusal(robot: RobotModel, config: Config, commands: Array, up: BoolArray) 
     fell = "; ".join(", ".join(f"{x:.3g}" for x in command) for command in commands[~up][:4])
     text = (
         f"the gait {name} does not walk {robot.name} at these commands: of {len(up)} that are "
-        f"spread over {describe(config.commands)}, it survives {up.sum()} for {SURVIVED:g} s, and "
-        f"falls at (vx, vy, yaw rate) {fell}{'; ...' if (~up).sum() > 4 else ''}"
+        f"spread over {box_in_words(config.commands)}, it survives {up.sum()} for {SURVIVED:g} s, "
+        f"and falls at (vx, vy, yaw rate) {fell}{'; ...' if (~up).sum() > 4 else ''}"
     )
     logger.info("%s; looking for the largest box that it walks", text)
     box = largest_box(robot, config)
     if box is None:
         return GaitError(f"{text}. It falls on the spot, too: use another gait")
-    return GaitError(f"{text}. The largest box that works: {describe(box)}", box)
+    return GaitError(f"{text}. The largest box that works: {box_in_words(box)}", box)
 
 
 def _own_bounds(robot: RobotModel, config: Config) -> SafetyConfig:
@@ -311,8 +310,8 @@ def with_preparation(config: Config, made: Preparation) -> Config:
     """
     if config.commands != made.commands:
         logger.warning(
-            f"the initial states were made for {describe(made.commands)}, but the commands are "
-            f"{describe(config.commands)}: give the same, or prepare these"
+            f"the initial states were made for {box_in_words(made.commands)}, but the commands are "
+            f"{box_in_words(config.commands)}: give the same, or prepare these"
         )
     # The gains are only valid with the rules that they were measured with.
     config = with_rules(config, made.commands)
@@ -322,21 +321,14 @@ def with_preparation(config: Config, made: Preparation) -> Config:
             f"expert.command_gain is {given}, but the initial states were made with "
             f"{made.command_gain}: robots do not begin in the settled gait of this expert"
         )
-    return _filled(config, made.command_gain, made.safety)
-
-
-def _filled(config: Config, gain: Triple | None, measured: SafetyConfig) -> Config:
-    """The configuration with measured values, and then the robot's own ones, in place of None."""
-    expert = config.expert
-    if expert.command_gain is None:
-        expert = replace(expert, command_gain=gain)
-    safety = config.safety
-    if safety.com_height is None:
-        safety = replace(safety, com_height=measured.com_height)
-    if safety.roll_pitch is None:
-        safety = replace(safety, roll_pitch=measured.roll_pitch)
-    if safety.settled is None:
-        safety = replace(safety, settled=measured.settled)
+    measured = made.safety
+    expert = filled(config.expert, command_gain=made.command_gain)
+    safety = filled(
+        config.safety,
+        com_height=measured.com_height,
+        roll_pitch=measured.roll_pitch,
+        settled=measured.settled,
+    )
     if not safety.joints and measured.joints:
         rows = with_ranges(measured.joints, safety, load_robot(config.robot))
         safety = replace(safety, joints=rows)

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from surefoot.config import Config, Gait, Split
 from surefoot.config.array_io import parse_npz
+from surefoot.config.expert_rules import STRAIGHT_TROT, straight_trot
 from surefoot.config.gait_table import gait_name
 from surefoot.config.json_text import read_file
-from surefoot.config.presets import STRAIGHT_TROT, straight_trot
 from surefoot.config.robot_table import SOLO12
 from surefoot.errors import unknown
 from surefoot.files import write_atomic
@@ -314,7 +314,7 @@ def _parse(content: bytes, name: str, source: str) -> StartSet:
     """
     try:
         arrays = parse_npz(content)
-        shapes = check_stored_arrays(arrays, len(SPLITS))
+        shapes = check_stored_arrays(arrays)
         gait = _gait_from(arrays["gait"]) if "gait" in arrays else Gait()
         robot = str(arrays["robot"]) if "robot" in arrays else SOLO12.name
         made = read_preparation(str(arrays["prepared"])) if "prepared" in arrays else None
@@ -381,7 +381,7 @@ def save_starts(starts: StartSet, path: Path, overwrite: bool = False) -> None:
     if starts.preparation is not None:
         arrays["prepared"] = np.array(text_of(starts.preparation))
     try:
-        check_stored_arrays(arrays, len(SPLITS))
+        check_stored_arrays(arrays)
     except ValueError as error:
         raise ValueError(f"{path} is not written: {error}") from error
     arrays["tick"] = arrays["tick"].astype(np.int16)

@@ -8,11 +8,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from surefoot.config import Split
 from surefoot.types import Array, IntArray
 
 if TYPE_CHECKING:
@@ -34,12 +35,11 @@ LATEST = int(np.iinfo(np.int16).max)
 """[ms] The last tick that a stored set can represent."""
 
 
-def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tuple[int, int, int]]:
+def check_stored_arrays(arrays: Mapping[str, NDArray]) -> list[tuple[int, int, int]]:
     """Check the arrays of a stored set.
 
     Args:
         arrays: The arrays by name, as in the file.
-        splits: Number of splits of the set.
 
     Returns:
         The numbers of perturbations, phases and velocities of each split.
@@ -50,6 +50,7 @@ def check_stored_arrays(arrays: Mapping[str, NDArray], splits: int) -> list[tupl
     names = ("q", "v", "tick", "command", "shapes")
     if arrays.keys() - {"gait", "robot", "prepared"} != set(names):
         raise ValueError(f"it has the arrays {sorted(arrays)}, expected {sorted(names)}"[:300])
+    splits = len(get_args(Split))
     if arrays["shapes"].shape != (splits, 3) or arrays["shapes"].dtype.kind not in "iu":
         raise ValueError(f"shapes must be ({splits}, 3) integers: one row for each split")
     shapes = [(int(a), int(b), int(c)) for a, b, c in arrays["shapes"]]

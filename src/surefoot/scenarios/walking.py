@@ -72,7 +72,7 @@ class Walks:
     def fallen(self, safety: SafetyConfig) -> BoolArray:
         """``(T, n)`` True where a robot has fallen."""
         q = np.ascontiguousarray(self.q.reshape(-1, 19))
-        lost: BoolArray = fallen(q[:, 2], q, safety)
+        lost: BoolArray = fallen(q, safety)
         return lost.reshape(self.q.shape[:2])
 
     def lost(self, safety: SafetyConfig) -> BoolArray:

@@ -24,7 +24,7 @@ from surefoot.robots import rigid
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import rotation
-from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
+from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, checked_variation
 from surefoot.sim.terrain import Ground
 from surefoot.sim.urdf import TRUNK, write_urdf
 from surefoot.types import GRAVITY, JOINTS, LEGS, Array, BoolArray, State
@@ -274,14 +274,9 @@ class BulletSimulator:
 
     def vary(self, friction: Array | None, mass: Array | None) -> None:
         """See ``Simulator``. A reset builds a world with these values."""
-        if friction is None:
-            friction = np.full(self.batch, self._config.friction)
-        if mass is None:
-            mass = np.ones(self.batch)
-        checked_friction = check_positive("friction", friction, self.batch)
-        checked_mass = check_positive("mass", mass, self.batch)
-        self._friction = checked_friction
-        self._mass = checked_mass
+        self._friction, self._mass = checked_variation(
+            friction, mass, self.batch, self._config.friction
+        )
 
     def step(self, torque: Array, mask: BoolArray | None = None) -> None:
         """See ``Simulator``."""

@@ -20,11 +20,12 @@ from numba import njit
 
 from surefoot.config import SimulationConfig
 from surefoot.robots import rigid
+from surefoot.robots.canonical import BASE
 from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import rotation
 from surefoot.sim.mujoco_ground import FIELD, FLOOR, fields_of, ground_poses
 from surefoot.sim.mujoco_model import COM, FEET, FOOT_FORCES, FORCE, GROUND, build_model
-from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, check_positive
+from surefoot.sim.protocol import CONTACT_FORCE, TIME_STEP, checked_variation
 from surefoot.sim.terrain import Ground, is_plane
 from surefoot.types import Array, BoolArray, State
 
@@ -228,18 +229,11 @@ class MujocoSimulator:
         """See ``Simulator``."""
         if friction is None and mass is None and self._variation is None:
             return
-        if friction is None:
-            friction = np.full(self.batch, self._nominal_friction)
-        if mass is None:
-            mass = np.ones(self.batch)
-        self._variation = (
-            check_positive("friction", friction, self.batch),
-            check_positive("mass", mass, self.batch),
-        )
+        self._variation = checked_variation(friction, mass, self.batch, self._nominal_friction)
 
     def _apply(self, friction: Array, mass: Array, rows: BoolArray) -> None:
         """Write friction and mass factors into the models of the robots in ``rows``."""
-        base = self.model.body("base_link").id
+        base = self.model.body(BASE).id
         # MuJoCo takes the larger friction of two geoms, so all get the same.
         self.simulations.expand("geom_friction")[rows, :, 0] = friction[rows, None]
         masses = self.simulations.expand("body_mass")[:, base]

@@ -7,12 +7,11 @@ physics engine is imported by its own module only. Read `sim.mujoco`, the defaul
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 
 from surefoot.robots.model import RobotModel
-from surefoot.sim.terrain import Ground
 from surefoot.types import Array, BoolArray, State
 
 TIME_STEP = 1e-3
@@ -133,11 +132,22 @@ def check_positive(name: str, values: Array, batch: int) -> Array:
     return copy
 
 
-@runtime_checkable
-class OnGround(Protocol):
-    """A simulator that says which ground its robots are on; this is optional."""
+def checked_variation(
+    friction: Array | None, mass: Array | None, batch: int, nominal_friction: float
+) -> tuple[Array, Array]:
+    """Return copies ``(batch,)`` of what `Simulator.vary` is given, with the nominal for None.
 
-    @property
-    def ground(self) -> Ground | None:
-        """The ground of each robot; None is the plane z = 0."""
-        ...
+    Args:
+        friction: ``(batch,)`` coefficients of friction, or None.
+        mass: ``(batch,)`` factors on the mass of the base, or None.
+        batch: The number of robots.
+        nominal_friction: The coefficient of friction that None stands for.
+
+    Raises:
+        ValueError: The arrays are not ``batch`` numbers that are finite and positive.
+    """
+    if friction is None:
+        friction = np.full(batch, nominal_friction)
+    if mass is None:
+        mass = np.ones(batch)
+    return check_positive("friction", friction, batch), check_positive("mass", mass, batch)

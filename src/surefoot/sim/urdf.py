@@ -42,19 +42,15 @@ def write_urdf(robot: RobotModel) -> str:
         core = pin.Inertia(size, np.zeros(3), size * 1e-2 * np.eye(3))
         _add_link(root, BASE, core, shapes.get(BASE))
         _add_link(root, TRUNK, base - core, None)
-        _add_joint(root, ("fixed", TRUNK), (BASE, TRUNK), pin.SE3.Identity())
+        _add_joint(root, "fixed", TRUNK, BASE, TRUNK, pin.SE3.Identity())
     for number, leg in enumerate(LEGS):
         parent = BASE
         for place, (kind, part) in enumerate(zip(KINDS, PARTS, strict=True)):
             name = f"{leg}_{part}"
             _add_link(root, name, _own(model, name), shapes.get(name))
             joint = model.getJointId(f"{leg}_{kind}")
-            element = _add_joint(
-                root,
-                ("continuous", f"{leg}_{kind}"),
-                (parent, name),
-                model.jointPlacements[joint],
-            )
+            placement = model.jointPlacements[joint]
+            element = _add_joint(root, "continuous", f"{leg}_{kind}", parent, name, placement)
             axis = axes[3 * number + place]
             ElementTree.SubElement(element, "axis", {"xyz": _text(axis)})
             damping = model.damping[model.joints[joint].idx_v]
@@ -64,7 +60,7 @@ def write_urdf(robot: RobotModel) -> str:
         foot = f"{leg}_FOOT"
         _add_link(root, foot, _own(model, foot), shapes.get(foot))
         placement = model.frames[model.getFrameId(foot)].placement
-        _add_joint(root, ("fixed", f"{leg}_ANKLE"), (parent, foot), placement)
+        _add_joint(root, "fixed", f"{leg}_ANKLE", parent, foot, placement)
     ElementTree.indent(root)  # PyBullet reads lines of at most 1024 bytes
     return ElementTree.tostring(root, encoding="unicode")
 
@@ -98,23 +94,20 @@ def _add_link(
         return
     # PyBullet multiplies the friction of two bodies; the floor has that of the pair.
     contact = ElementTree.SubElement(link, "contact")
-    coefficients = {"lateral_friction": 1.0}
-    for key in ("lateral_friction", "rolling_friction", "spinning_friction", "restitution"):
-        value = str(coefficients.get(key, 0.0))
-        ElementTree.SubElement(contact, key, {"value": value})
+    ElementTree.SubElement(contact, "lateral_friction", {"value": "1.0"})
+    ElementTree.SubElement(contact, "rolling_friction", {"value": "0.0"})
+    ElementTree.SubElement(contact, "spinning_friction", {"value": "0.0"})
+    ElementTree.SubElement(contact, "restitution", {"value": "0.0"})
     link.append(_collision(shape))
 
 
 def _add_joint(
-    root: ElementTree.Element,
-    kind: tuple[str, str],
-    links: tuple[str, str],
-    placement: pin.SE3,
+    root: ElementTree.Element, kind: str, name: str, parent: str, child: str, placement: pin.SE3
 ) -> ElementTree.Element:
-    """Add a joint of a type and name between two links, and return its element."""
-    joint = ElementTree.SubElement(root, "joint", {"name": kind[1], "type": kind[0]})
-    ElementTree.SubElement(joint, "parent", {"link": links[0]})
-    ElementTree.SubElement(joint, "child", {"link": links[1]})
+    """Add a joint of some kind between two links, and return its element."""
+    joint = ElementTree.SubElement(root, "joint", {"name": name, "type": kind})
+    ElementTree.SubElement(joint, "parent", {"link": parent})
+    ElementTree.SubElement(joint, "child", {"link": child})
     angles = pin.rpy.matrixToRpy(placement.rotation) + 0.0  # no negative zeros
     origin = {"xyz": _text(placement.translation), "rpy": _text(angles)}
     ElementTree.SubElement(joint, "origin", origin)

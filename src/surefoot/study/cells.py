@@ -19,8 +19,9 @@ from surefoot.config.study import EXPERT, Options, StudyConfig, Technique, confi
 from surefoot.errors import unknown
 from surefoot.runs.first_stage import Shared, first_stage
 
-JobKind = Literal["share", "train", "measure"]
-"""What a job does: it makes what several cells begin with, trains a cell's run, or measures it."""
+JobKind = Literal["share", "train", "measure", "copy"]
+"""What a job does: it makes what several cells begin with, trains a cell's run, measures it, or
+copies what was measured of the same expert in another setting."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def cell_config(study: StudyConfig, cell: Cell, base: Config | None = None) -> C
     """
     technique = study.technique(cell.technique)
     setting = study.setting(cell.setting)
-    return _seeded(config_of(technique, setting, cell.seed, base), cell)
+    return _seeded(config_of(technique, setting, base), cell)
 
 
 def _seeded(config: Config, cell: Cell) -> Config:
@@ -123,7 +124,7 @@ def trained_configs(study: StudyConfig) -> dict[Cell, Config]:
             continue
         key = (cell.technique, cell.setting)
         if key not in common:
-            common[key] = config_of(technique, study.setting(cell.setting), cell.seed)
+            common[key] = config_of(technique, study.setting(cell.setting))
         configs[cell] = _seeded(common[key], cell)
     return configs
 
@@ -146,6 +147,7 @@ def jobs_of(
     for cell in cells_of(study):
         begin = begins.get(cell.name)
         needs = () if begin is None else (begin,)
+        kind: JobKind = "measure"
         if study.technique(cell.technique).method != EXPERT:
             train = StudyJob(_job_name("train", cell), "train", cell)
             if begin is not None:
@@ -155,7 +157,9 @@ def jobs_of(
                 train = replace(train, shared=shared, needs=needs)
             jobs[train.name] = train
             needs = (train.name,)
-        measure = StudyJob(_job_name("measure", cell), "measure", cell, needs=needs)
+        elif begin is not None:
+            kind = "copy"
+        measure = StudyJob(_job_name("measure", cell), kind, cell, needs=needs)
         jobs[measure.name] = measure
     return tuple(jobs.values())
 
@@ -244,19 +248,14 @@ def beginnings_of(study: StudyConfig) -> dict[str, str]:
         for group in groups.values():
             if len(group) > 1:
                 begins |= {cell.name: _job_name(shared, group[0]) for cell in group}
+    experts: dict[tuple[str, Config], Cell] = {}
     for cell in cells_of(study):
         if study.technique(cell.technique).method == EXPERT:
-            first = _same_expert(study, cell)
+            expert = (cell.technique, _expert_alone(cell_config(study, cell)))
+            first = experts.setdefault(expert, cell)
             if first != cell:
                 begins[cell.name] = _job_name("measure", first)
     return begins
-
-
-def _same_expert(study: StudyConfig, cell: Cell) -> Cell:
-    """The first cell whose expert is the same as this cell's, which may be this cell itself."""
-    own = _expert_alone(cell_config(study, cell))
-    cells = [each for each in cells_of(study) if each.technique == cell.technique]
-    return next(each for each in cells if _expert_alone(cell_config(study, each)) == own)
 
 
 def _expert_alone(config: Config) -> Config:

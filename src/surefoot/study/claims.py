@@ -4,8 +4,8 @@ A claim says that a number lies in a region, for example below 5 %. It holds if 
 interval over runs lies inside the region; it does not hold if no part of the interval does;
 otherwise the runs cannot tell, just as when nothing has been measured yet. "X is the largest" is
 judged by the differences to all rivals, and shows the least favorable one. Read `run_statistics`
-for the intervals, `paper_claims` for the paper's claims, and `comparisons` for those that a study
-plans itself.
+for the intervals, `paper_claims` for the paper's claims, and `planned_comparisons` for those that a
+study plans itself.
 """
 
 from __future__ import annotations
@@ -24,7 +24,6 @@ from surefoot.study.run_statistics import (
     mean_of_runs,
     of_both,
 )
-from surefoot.study.tables import markdown
 
 Verdict = Literal["holds", "does not hold", "cannot tell"]
 """What the runs show about a claim."""
@@ -32,7 +31,6 @@ FROM_WORST: tuple[Verdict, ...] = ("does not hold", "cannot tell", "holds")
 """The verdicts, from the least to the most favorable."""
 UNMEASURED = "not measured yet"
 """The number of a claim whose runs are missing."""
-COLUMNS = ("claim", "section", "verdict", "measured", "why")
 
 
 @dataclass(frozen=True)
@@ -45,9 +43,7 @@ class Claim:
         section: Section of the paper that makes the claim.
         verdict: What the runs show about it.
         number: What was measured, with its interval and every run, as text.
-        interval: The 95 % interval over runs, in the unit of the number; None if there is none.
         reason: The reason for the verdict, in sentences.
-        figure: Number of the paper's figure that shows it, from 1 to 5.
     """
 
     name: str
@@ -55,9 +51,7 @@ class Claim:
     section: str
     verdict: Verdict
     number: str
-    interval: Interval | None
     reason: str
-    figure: int
 
 
 @dataclass(frozen=True)
@@ -106,19 +100,17 @@ class Statement:
 
     Attributes:
         section: Section of the paper that makes the claim.
-        figure: Number of the paper's figure that shows it.
         name: Short name of the claim.
         text: The sentence.
         style: How its number is written.
-        region: Where the number lies if the claim holds.
+        region: Where the number lies if the claim holds; `judge_equal` finds it by its margin.
     """
 
     section: str
-    figure: int
     name: str
     text: str
     style: NumberStyle
-    region: Region
+    region: Region = Region()
 
 
 @dataclass(frozen=True)
@@ -233,7 +225,7 @@ def judge_equal(
     """Judge whether the means of two techniques are equal within a margin.
 
     Args:
-        statement: The claim, whose region is replaced.
+        statement: The claim, without a region.
         a: The runs of one technique.
         b: The runs of the other.
         margin: Largest difference that counts as equal, as a share of the mean of b.
@@ -252,7 +244,9 @@ def _unmeasured(statement: Statement, samples: Sequence[Sample]) -> Claim:
     """The claim while runs are missing."""
     missing = dict.fromkeys(sample.title for sample in samples if sample.runs is None)
     reason = f"No finished run of {', '.join(missing)} has this number."
-    return _claim(statement, "cannot tell", UNMEASURED, None, reason)
+    return Claim(
+        statement.name, statement.text, statement.section, "cannot tell", UNMEASURED, reason
+    )
 
 
 def _judged(
@@ -268,32 +262,13 @@ def _judged(
         *(missing_runs(sample) for sample in samples),
         beside,
     ]
-    interval = None
-    if estimate.interval is not None:
-        low, high = estimate.interval
-        interval = (low * statement.style.scale, high * statement.style.scale)
-    return _claim(
-        statement,
+    return Claim(
+        statement.name,
+        statement.text,
+        statement.section,
         verdict,
         number_text(estimate, statement.style),
-        interval,
         " ".join(reason for reason in reasons if reason),
-    )
-
-
-def _claim(
-    statement: Statement, verdict: Verdict, number: str, interval: Interval | None, reason: str
-) -> Claim:
-    """The claim of a statement."""
-    return Claim(
-        name=statement.name,
-        text=statement.text,
-        section=statement.section,
-        verdict=verdict,
-        number=number,
-        interval=interval,
-        reason=reason,
-        figure=statement.figure,
     )
 
 
@@ -372,14 +347,3 @@ def missing_runs(sample: Sample) -> str:
     if count >= sample.planned:
         return ""
     return f"Of {sample.title}, {count} of {sample.planned} runs are measured."
-
-
-def claims_table(claims: Sequence[Claim]) -> str:
-    """The claims with their verdicts, as a Markdown table."""
-    return markdown(
-        COLUMNS,
-        [
-            (claim.text, claim.section, f"**{claim.verdict}**", claim.number, claim.reason)
-            for claim in claims
-        ],
-    )

@@ -29,11 +29,11 @@ from surefoot.methods import METHODS
 from surefoot.mpc.gaits import names_of
 from surefoot.robots.identity import description_hash
 from surefoot.rollouts.jobs import PLANNER
-from surefoot.runs.accounting import run_cost
+from surefoot.runs.layout import RunError
 from surefoot.runs.metrics import Collected, Trained, Validated
 from surefoot.runs.policies import find_policy
-from surefoot.runs.run import Run, RunError, open_run
-from surefoot.runs.setup import read_setup
+from surefoot.runs.run import Run, open_run
+from surefoot.runs.run_cost import run_cost
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.records import Row
 
@@ -149,7 +149,7 @@ def shared_settings(config: Config, episodes: int) -> Config:
 
 def _same_starts(run: Run, other: Run) -> bool:
     """Whether two runs have the same initial states, even if in different files."""
-    own = [read_setup(each.folder).starts_hash for each in (run, other)]
+    own = [each.setup.starts_hash for each in (run, other)]
     return own[0] != "" and own[0] == own[1]
 
 

@@ -9,7 +9,7 @@ stopped. Read `records` for the fields, `comparable` for which runs can be compa
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
@@ -17,7 +17,7 @@ from typing import get_args
 
 from surefoot.config import Backend, Config, DisturbanceConfig, simulated
 from surefoot.config.evaluation import shortened
-from surefoot.config.json_io import changes
+from surefoot.config.json_io import changes, read_record
 from surefoot.config.study import EXPERT
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.push_limits import push_difference
@@ -28,14 +28,7 @@ from surefoot.robots.load import with_profile
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.comparable import WhichPolicy, open_comparable_runs, rows_of, shared_settings
-from surefoot.study.records import (
-    Comparison,
-    Difference,
-    Differences,
-    Measured,
-    Row,
-    read_comparison,
-)
+from surefoot.study.records import Comparison, Difference, Differences, Measured, Row
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
@@ -118,31 +111,46 @@ def compare(
             comparison = resume_comparison(path, comparison)
     for simulator, number in product(measurements.simulators, range(len(rows))):
         row = comparison.rows[number]
-        title = f"{simulator}, {row.label}"
         settings = simulated(config, simulator)
-        policy = None if row.policy is None else Path(row.policy)
-        measured = row.results.get(simulator, Measured())
-        if measured.evaluation is None:
-            evaluation, _ = evaluate(settings, policy, "test", workers)
-            measured = replace(measured, evaluation=evaluation)
+        for measured in measure_row(row, settings, measurements.pushes, workers):
             comparison = with_results(comparison, number, simulator, measured)
             save_comparison(path, comparison)
-            logger.info(
-                "%s: %d of %d, %d fell",
-                title,
-                evaluation.successes,
-                evaluation.episodes,
-                evaluation.falls,
-            )
-        if measurements.pushes and measured.pushes is None:
-            pushes = push_recovery(settings, policy, workers)
-            measured = replace(measured, pushes=pushes)
-            comparison = with_results(comparison, number, simulator, measured)
-            save_comparison(path, comparison)
-            logger.info("%s: %.2f N s", title, pushes.mean_fitted_impulse)
     comparison = with_differences(comparison)
     save_comparison(path, comparison)
     return comparison
+
+
+def measure_row(row: Row, config: Config, pushes: bool, workers: Workers) -> Iterator[Measured]:
+    """Measure what is missing of a controller in one simulator.
+
+    Args:
+        row: The controller, with what has been measured of it before.
+        config: The configuration under which all are measured, in the simulator.
+        pushes: Whether to push the robots too.
+        workers: Processes that run the episodes.
+
+    Yields:
+        What is known of it after each measurement.
+    """
+    simulator = config.simulation.backend
+    title = f"{simulator}, {row.label}"
+    policy = None if row.policy is None else Path(row.policy)
+    measured = row.results.get(simulator, Measured())
+    if measured.evaluation is None:
+        evaluation, _ = evaluate(config, policy, "test", workers)
+        measured = replace(measured, evaluation=evaluation)
+        yield measured
+        logger.info(
+            "%s: %d of %d, %d fell",
+            title,
+            evaluation.successes,
+            evaluation.episodes,
+            evaluation.falls,
+        )
+    if pushes and measured.pushes is None:
+        found = push_recovery(config, policy, workers)
+        yield replace(measured, pushes=found)
+        logger.info("%s: %.2f N s", title, found.mean_fitted_impulse)
 
 
 def _config_of(config: Config, measurements: Measurements) -> Config:
@@ -212,7 +220,7 @@ def resume_comparison(path: Path, comparison: Comparison) -> Comparison:
             not keep the initial states, or has results of policies that are not asked for, which
             would be lost.
     """
-    before = read_comparison(path)
+    before = read_record(path, Comparison)
     for name, of_file, asked_for in (
         ("episodes", before.episodes, comparison.episodes),
         ("versions", before.versions, comparison.versions),

@@ -25,7 +25,9 @@ from surefoot.config import (
     DaggerConfig,
     DartConfig,
     ExpertData,
+    IterativeConfig,
     LocoDaggerConfig,
+    LocoSafeDaggerConfig,
     SafeDaggerConfig,
     Steps,
 )
@@ -130,9 +132,16 @@ def _with_share_of_core(measure: Callable[[], T]) -> tuple[T, float]:
     return measured, min(share, 1.0)
 
 
-def work_of(study: StudyConfig, job: StudyJob) -> Work:
-    """What a job has to compute, as if no robot fell."""
-    config = cell_config(study, job.cell)
+def work_of(study: StudyConfig, job: StudyJob, config: Config) -> Work:
+    """What a job has to compute, as if no robot fell.
+
+    Args:
+        study: The study.
+        job: The job.
+        config: The configuration of its cell's run.
+    """
+    if job.kind == "copy":
+        return Work()
     if job.kind == "measure":
         return measuring_work(study, job, config)
     first = first_work(config)
@@ -148,14 +157,19 @@ def first_work(config: Config) -> Work:
     """The work of making the first data and of training the first policy on it."""
     method = config.method
     if isinstance(method, BehaviorCloningConfig):
-        work = _paid_by(first_allowance(config), expert_work(config, method.data))
+        work = _first_data(config, method.data)
         most = work.robot_seconds * TICKS_PER_SECOND
         for size in [*method.frames, most] if method.all_frames else method.frames:
             work = work + _training_steps(config, min(size, most), method.training)
         return work
-    data = _paid_by(first_allowance(config), expert_work(config, method.pretraining))
+    data = _first_data(config, method.pretraining)
     frames = data.robot_seconds * TICKS_PER_SECOND
     return data + _training_steps(config, frames, method.first_training)
+
+
+def _first_data(config: Config, data: ExpertData) -> Work:
+    """The work of collecting the first data, as far as the budget pays for it."""
+    return _paid_by(first_allowance(config), expert_work(config, data))
 
 
 def training_work(config: Config) -> Work:
@@ -171,30 +185,32 @@ def training_work(config: Config) -> Work:
     if config.budget.expert_seconds is not None and allowed is not None:
         left = solves_of(config.budget.expert_seconds) - allowed
         share = left // max(method.iterations, 1)
-    data = _paid_by(allowed, expert_work(config, method.pretraining))
-    frames = data.robot_seconds * TICKS_PER_SECOND
-    rollouts = method.velocities * method.perturbations
+    frames = _first_data(config, method.pretraining).robot_seconds * TICKS_PER_SECOND
     for i in range(1, method.iterations + 1):
-        seconds = rollouts * method.T
-        if isinstance(method, DaggerConfig | DartConfig):
-            driven = Work(seconds * PLANS_PER_SECOND, seconds)
-            kept = seconds
-        elif isinstance(method, SafeDaggerConfig):
-            driven = Work(method.unsafe_share * seconds * PLANS_PER_SECOND, seconds)
-            kept = method.unsafe_share * seconds
-        elif isinstance(method, LocoDaggerConfig):
-            queried = rollouts * method.N_query * method.T_query
-            expert = method.alpha ** (i - 1) * seconds + queried
-            driven = Work(expert * PLANS_PER_SECOND, seconds + queried)
-            kept = queried
-        else:
-            tail = rollouts * method.T_end
-            kept = SHARE_OF_EXPERT * seconds + tail
-            driven = Work(kept * PLANS_PER_SECOND, seconds + tail)
+        driven, kept = _iteration_work(method, i)
         paid = _paid_by(share, driven)
         frames += kept * TICKS_PER_SECOND * paid.plans / max(driven.plans, 1.0)
         work = work + paid + _training_steps(config, frames, method.training_in(i)) + validation
     return work + validation
+
+
+def _iteration_work(method: IterativeConfig, i: int) -> tuple[Work, float]:
+    """The work of the rollouts of iteration i, and the time of them that is learned from [s]."""
+    rollouts = method.velocities * method.perturbations
+    seconds = rollouts * method.T
+    if isinstance(method, DaggerConfig | DartConfig):
+        return Work(seconds * PLANS_PER_SECOND, seconds), seconds
+    if isinstance(method, SafeDaggerConfig):
+        kept = method.unsafe_share * seconds
+        return Work(kept * PLANS_PER_SECOND, seconds), kept
+    if isinstance(method, LocoDaggerConfig):
+        queried = rollouts * method.N_query * method.T_query
+        expert = method.alpha ** (i - 1) * seconds + queried
+        return Work(expert * PLANS_PER_SECOND, seconds + queried), queried
+    assert isinstance(method, LocoSafeDaggerConfig)
+    tail = rollouts * method.T_end
+    kept = SHARE_OF_EXPERT * seconds + tail
+    return Work(kept * PLANS_PER_SECOND, seconds + tail), kept
 
 
 def _paid_by(allowed: int | None, work: Work) -> Work:
@@ -208,8 +224,6 @@ def measuring_work(study: StudyConfig, job: StudyJob, config: Config) -> Work:
     """The work of measuring the policies of a cell."""
     work = Work()
     is_expert = study.technique(job.cell.technique).method == EXPERT
-    if is_expert and job.needs:
-        return work  # it is measured in another setting
     for name in measurements_of(study, job.cell):
         work = work + _measurement_work(study.measurement(name), config, is_expert)
     return work
@@ -330,8 +344,9 @@ def estimate_study(
     rates = {key: measure_rates(completed(config)) for key, config in bar}
     seconds = {}
     for job in jobs:
-        own = rates[_what_rates_depend_on(configs[job.name])]
-        seconds[job.name] = STARTING + own.seconds(work_of(study, job))
+        config = configs[job.name]
+        own = rates[_what_rates_depend_on(config)]
+        seconds[job.name] = STARTING + own.seconds(work_of(study, job, config))
     estimate = Estimate(seconds, processor())
     if folder is not None:
         write_json(folder / ESTIMATE_FILE, estimate)

@@ -3,7 +3,7 @@
 Every variant starts from the same stored `test` initial states, perturbed with the paper's standard
 deviations and with 1.5 times those, and is pushed the same way. A survey in progress is a sequence
 of immutable `Survey` records; each is written after its measurement, so an interrupted survey
-resumes where it stopped. Read `records` for the fields, `docs/expert.md` for the results.
+resumes where it stopped. Read `expert_cells` for the fields, `docs/expert.md` for the results.
 """
 
 from __future__ import annotations
@@ -15,29 +15,18 @@ from itertools import product
 from pathlib import Path
 from typing import get_args
 
-import numpy as np
-
-from surefoot.bench.plan import Times, cold_plans, times_of
+from surefoot.bench.plan import cold_plans, times_of
 from surefoot.config import Backend, Config, PushConfig, simulated
-from surefoot.config.presets import published_rules
+from surefoot.config.expert_rules import published_rules
+from surefoot.config.json_io import read_record
 from surefoot.evaluation.push import push_recovery
-from surefoot.evaluation.push_limits import PushLimits
 from surefoot.evaluation.robustness import evaluate
 from surefoot.evaluation.statistics import wilson
-from surefoot.files import claim_file
+from surefoot.files import claim_file, write_json
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.versions import versions
 from surefoot.scenarios.starts import PACKAGED, load_starts
-from surefoot.study.records import (
-    Nodes,
-    Rules,
-    Survey,
-    SurveyCell,
-    Survival,
-    read_survey,
-    write_survey,
-)
-from surefoot.study.tables import markdown, percent_range
+from surefoot.study.expert_cells import Nodes, Rules, Survey, SurveyCell, Survival
 from surefoot.workers import Workers
 
 PUSHES = PushConfig(split="nominal", speeds=4, before=0.25, after=1.75, resolution=0.1, levels=50)
@@ -89,7 +78,7 @@ def survey_expert(
             measured = tuple(cells.values())
             survey = replace(survey, cells=measured, lost_by_all=lost_by_all(measured))
             if path is not None:
-                write_survey(path, survey)
+                write_json(path, survey)
     return survey
 
 
@@ -207,7 +196,7 @@ def resume_survey(path: Path, survey: Survey) -> Survey:
     Raises:
         ValueError: The file has another configuration, other versions or other initial states.
     """
-    before = read_survey(path)
+    before = read_record(path, Survey)
     for name, same in (
         ("config", before.config == survey.config),
         ("episodes", before.episodes == survey.episodes),
@@ -217,64 +206,3 @@ def resume_survey(path: Path, survey: Survey) -> Survey:
         if not same:
             raise ValueError(f"{path} holds a survey of other {name}; name another file")
     return before
-
-
-def survey_table(survey: Survey) -> str:
-    """The survey as a Markdown table; what has not been measured is a dash."""
-    head = (
-        "simulator",
-        "nodes",
-        "rules",
-        "survived",
-        "survived, sigmas x 1.5",
-        "RMS error vx, vy [m/s]",
-        "push at 80 %, mean [N s] (least, most)",
-        "plan [ms] (p99): contacts, centroidal, kinematics, inverse dynamics",
-    )
-    lines = [
-        (
-            cell.simulator,
-            f"{cell.nodes[0]}/{cell.nodes[1]}",
-            cell.rules,
-            _survival_cell(cell.paper),
-            _survival_cell(cell.wide),
-            _error_cell(cell.paper),
-            _push_cell(cell.push),
-            _times_cell(cell.plan_ms),
-        )
-        for cell in survey.cells
-    ]
-    return markdown(head, lines)
-
-
-def _survival_cell(survival: Survival | None) -> str:
-    """The cell of how many survived, with the interval of their share."""
-    if survival is None:
-        return "-"
-    share = percent_range(survival.survived_interval)
-    return f"{survival.survived} of {survival.episodes} {share}"
-
-
-def _error_cell(survival: Survival | None) -> str:
-    """The cell of the root mean squared errors of vx and vy."""
-    if survival is None or None in survival.mse:
-        return "-"
-    vx, vy, _ = np.sqrt(np.array(survival.mse, float))
-    return f"{vx:.3f}, {vy:.3f}"
-
-
-def _push_cell(push: PushLimits | None) -> str:
-    """The cell of the mean impulse, with that of the weakest and of the strongest direction."""
-    if push is None:
-        return "-"
-    impulses = push.fitted_impulse
-    return f"{np.mean(impulses):.2f} ({min(impulses):.2f}, {max(impulses):.2f})"
-
-
-def _times_cell(times: Times | None) -> str:
-    """The cell of the time of a plan, and of its stages."""
-    if times is None:
-        return "-"
-    stages = times.stages
-    each = (stages.contacts, stages.centroidal, stages.kinematics, stages.inverse_dynamics)
-    return f"{times.median:.2f} ({times.p99:.2f}): " + ", ".join(f"{ms:.2f}" for ms in each)

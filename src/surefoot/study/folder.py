@@ -20,8 +20,8 @@ from surefoot.evaluation.imitation import ImitationError
 from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import write_atomic, write_json
-from surefoot.runs.layout import COPIES
-from surefoot.runs.run import CONFIG_FILE, Run
+from surefoot.runs.layout import CONFIG_FILE, KEPT_POLICY_FILE, ROBOT_FILE, STARTS_FILES
+from surefoot.runs.run import Run
 from surefoot.runs.setup import read_setup
 from surefoot.study.cells import Cell, StudyJob, cell_config, jobs_of, measured_options
 from surefoot.study.layout import JOBS_FOLDER, JUDGED_FILE, STUDY_FILE, TESTS_FOLDER
@@ -237,11 +237,31 @@ def save_run(folder: Path, cell: Cell, run: Run) -> None:
         return
     results = results_folder(folder, cell)
     write_json(results / CONFIG_FILE, read_setup(run.folder))
-    for name in COPIES:
-        copy = run.folder / name
-        if copy.exists() and not (results / name).exists():
-            write_atomic(results / name, copy.read_bytes())
+    _copy(run, ROBOT_FILE, results)
     write_atomic(results / run.metrics_path.name, run.metrics_path.read_bytes())
+
+
+def save_policy(folder: Path, cell: Cell, run: Run) -> None:
+    """Keep the best policy of a cell's run, with the run's own initial states to play it from.
+
+    Only cells with a policy need the states, which are the same in many cells of a study.
+
+    Args:
+        folder: Folder of the study.
+        cell: The cell.
+        run: Its run, which is finished.
+    """
+    results = results_folder(folder, cell)
+    for name in STARTS_FILES:
+        _copy(run, name, results)
+    write_atomic(results / KEPT_POLICY_FILE, run.best_policy_path.read_bytes())
+
+
+def _copy(run: Run, name: str, results: Path) -> None:
+    """Copy a file of a run that never changes, if it has it, unless that is done already."""
+    original = run.folder / name
+    if original.exists() and not (results / name).exists():
+        write_atomic(results / name, original.read_bytes())
 
 
 def save_tests(folder: Path, cell: Cell, tests: Tests) -> None:

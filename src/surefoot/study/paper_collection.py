@@ -24,7 +24,9 @@ from surefoot.study.claims import (
     judge_mean,
 )
 from surefoot.study.paper_runs import (
+    DECAYS,
     EQUAL,
+    LOCO,
     LOCO_HALF,
     LOCO_MOST,
     SAFE,
@@ -63,13 +65,8 @@ FALLS = NumberStyle("falls per robot-minute", 1.0, 3)
 SOLVES = NumberStyle("MPC solves", 1.0, 0)
 SOLVES_PER_SECOND = NumberStyle("MPC solves per second of rollouts", 1.0, 2)
 FRAMES = NumberStyle("thousand frames", 1e-3, 0)
-DECAYS = (("0.5", LOCO_HALF), ("0.8", LOCO_MOST))
-"""LocoDAGGER's decays, and their techniques."""
-LOCO = (LOCO_HALF, LOCO_MOST)
-"""LocoDAGGER with either decay."""
 
-failures = partial(Statement, "V-A", 1)
-usage = partial(Statement, "V-A", 2)
+section_a = partial(Statement, "V-A")
 
 
 def failure_claims(paper: PaperRuns) -> tuple[Claim, ...]:
@@ -85,35 +82,35 @@ def failure_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     rise = "LocoDAGGER {} fails more often in the second half of the iterations than in the first."
     return (
         judge_mean(
-            failures("safe-failures", few, PERCENT, FEW_FAILURES),
+            section_a("safe-failures", few, PERCENT, FEW_FAILURES),
             paper.failures(SAFE, second_on),
             f"Iterations from the second on: {_rates(paper, SAFE, 1)}.",
         ),
         judge_mean(
-            failures("safe-falls", falls, PERCENT, FEW_FAILURES),
+            section_a("safe-falls", falls, PERCENT, FEW_FAILURES),
             paper.lost(SAFE, second_on),
             "The same claim as before; falls are counted too, whoever drove.",
         ),
         judge_mean(
-            failures("safe-first", first, PERCENT, MANY_FAILURES),
+            section_a("safe-first", first, PERCENT, MANY_FAILURES),
             paper.failures(SAFE, first_iteration),
             f"Falls: {percent(paper.falls(SAFE, first_iteration))}.",
         ),
         judge_mean(
-            failures("half-failures", half, PERCENT, MANY_FAILURES),
+            section_a("half-failures", half, PERCENT, MANY_FAILURES),
             paper.failures(LOCO_HALF, third_on),
             f"Falls, whoever drove: {percent(paper.falls(LOCO_HALF, third_on))}. "
             f"Iterations from the third on: {_rates(paper, LOCO_HALF, 2)}.",
         ),
         judge_mean(
-            failures("most-failures", most, PERCENT, MANY_FAILURES),
+            section_a("most-failures", most, PERCENT, MANY_FAILURES),
             paper.failures(LOCO_MOST, late_half),
             "The second half of the iterations. Falls, whoever drove: "
             f"{percent(paper.falls(LOCO_MOST, late_half))}.",
         ),
         *(
             judge_change(
-                failures(f"{technique}-rises", rise.format(alpha), POINTS, ABOVE_ZERO),
+                section_a(f"{technique}-rises", rise.format(alpha), POINTS, ABOVE_ZERO),
                 paper.failures(technique, late_half),
                 paper.failures(technique, early_half),
             )
@@ -141,18 +138,18 @@ def safest_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     falls = "LocoSafeDAGGER falls less often in a minute than LocoDAGGER with either decay."
     return (
         judge_difference(
-            failures("most-fails-less", less, POINTS, BELOW_ZERO),
+            section_a("most-fails-less", less, POINTS, BELOW_ZERO),
             paper.failures(LOCO_MOST),
             paper.failures(LOCO_HALF),
         ),
         judge_extreme(
-            failures("safe-fails-least", least, POINTS, BELOW_ZERO),
+            section_a("safe-fails-least", least, POINTS, BELOW_ZERO),
             paper.failures(SAFE),
             [paper.failures(technique) for technique in LOCO],
             "The paper's count leaves out LocoSafeDAGGER's falls.",
         ),
         judge_extreme(
-            failures("safe-falls-least", falls, FALLS, BELOW_ZERO),
+            section_a("safe-falls-least", falls, FALLS, BELOW_ZERO),
             paper.values(SAFE, falls_per_minute),
             [paper.values(technique, falls_per_minute) for technique in LOCO],
             "The same claim in falls, by time, because its rollouts are twice as long.",
@@ -167,19 +164,19 @@ def share_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     falls = "With LocoDAGGER {} the share of the MPC falls monotonically."
     return (
         judge_mean(
-            usage("safe-share", about, PERCENT, ABOUT_TEN_PERCENT),
+            section_a("safe-share", about, PERCENT, ABOUT_TEN_PERCENT),
             paper.expert(SAFE),
             f"With the expert's tails it is {percent(paper.values(SAFE, share_with_tail))}.",
         ),
         judge_change(
-            usage("safe-share-constant", constant, POINTS, CONSTANT),
+            section_a("safe-share-constant", constant, POINTS, CONSTANT),
             paper.expert(SAFE, late_half),
             paper.expert(SAFE, early_half),
             "The second half of the iterations against the first.",
         ),
         *(
             judge_mean(
-                usage(f"{technique}-share-falls", falls.format(alpha), POINTS, NO_RISE),
+                section_a(f"{technique}-share-falls", falls.format(alpha), POINTS, NO_RISE),
                 paper.values(technique, largest_rise),
                 "The number is the largest rise from one iteration to the next. In the first one "
                 f"the share is {percent(paper.expert(technique, first_iteration))}; the coin that "
@@ -200,18 +197,18 @@ def cost_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     )
     return (
         judge_extreme(
-            usage("safe-solves", fewer, SOLVES, BELOW_ZERO),
+            section_a("safe-solves", fewer, SOLVES, BELOW_ZERO),
             paper.values(SAFE, solves),
             [paper.values(technique, solves) for technique in LOCO],
             "Tails and LocoDAGGER's queries are counted, the pre-training is not.",
         ),
         judge_extreme(
-            usage("safe-solves-per-second", second, SOLVES_PER_SECOND, BELOW_ZERO),
+            section_a("safe-solves-per-second", second, SOLVES_PER_SECOND, BELOW_ZERO),
             paper.values(SAFE, solves_per_second),
             [paper.values(technique, solves_per_second) for technique in LOCO],
         ),
         judge_equal(
-            Statement("V-B", 3, "safe-data", size, FRAMES, CONSTANT),
+            Statement("V-B", "safe-data", size, FRAMES),
             paper.values(SAFE, dataset_frames),
             paper.values(LOCO_HALF, dataset_frames),
             EQUAL,

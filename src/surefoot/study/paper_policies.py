@@ -27,7 +27,7 @@ from surefoot.study.claims import (
     judge_extreme,
     judge_mean,
 )
-from surefoot.study.paper_runs import BC, EQUAL, LOCO_HALF, LOCO_MOST, SAFE, PaperRuns
+from surefoot.study.paper_runs import BC, DECAYS, EQUAL, LOCO_HALF, LOCO_MOST, SAFE, PaperRuns
 from surefoot.study.results import CellResult
 from surefoot.study.run_statistics import mean_of_runs
 from surefoot.study.run_values import (
@@ -53,9 +53,8 @@ IMPULSE = NumberStyle("N s", 1.0, 2)
 ALL = (BC, LOCO_HALF, LOCO_MOST, SAFE)
 """All techniques that learn."""
 
-robustness = partial(Statement, "V-B", 3)
-tracking = partial(Statement, "V-B", 4)
-pushes = partial(Statement, "V-C", 5)
+section_b = partial(Statement, "V-B")
+section_c = partial(Statement, "V-C")
 
 
 def robustness_claims(paper: PaperRuns) -> tuple[Claim, ...]:
@@ -67,7 +66,7 @@ def robustness_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     return (
         *(
             judge_change(
-                robustness(f"{each}-grows", grows.format(paper.title(each)), POINTS, ABOVE_ZERO),
+                section_b(f"{each}-grows", grows.format(paper.title(each)), POINTS, ABOVE_ZERO),
                 paper.success(each),
                 paper.success(each, first=True),
                 "The last policy against the first.",
@@ -76,7 +75,7 @@ def robustness_claims(paper: PaperRuns) -> tuple[Claim, ...]:
         ),
         *(
             judge_mean(
-                robustness(
+                section_b(
                     f"{each}-plateau",
                     plateau.format(paper.title(each)),
                     PERCENT,
@@ -87,13 +86,13 @@ def robustness_claims(paper: PaperRuns) -> tuple[Claim, ...]:
             for each in (BC, LOCO_HALF, SAFE)
         ),
         judge_extreme(
-            robustness("most-least-robust", least, POINTS, BELOW_ZERO),
+            section_b("most-least-robust", least, POINTS, BELOW_ZERO),
             paper.success(LOCO_MOST),
             [paper.success(each) for each in (BC, LOCO_HALF, SAFE)],
         ),
         *(
             judge_difference(
-                robustness(f"{each}-as-good", as_good.format(paper.title(each)), POINTS, NO_WORSE),
+                section_b(f"{each}-as-good", as_good.format(paper.title(each)), POINTS, NO_WORSE),
                 paper.success(each),
                 paper.success(BC),
             )
@@ -120,50 +119,50 @@ def tracking_claims(paper: PaperRuns) -> tuple[Claim, ...]:
 
     return (
         judge_extreme(
-            tracking("most-worst-vx", worst.format("vx"), SPEED, ABOVE_ZERO),
+            section_b("most-worst-vx", worst.format("vx"), SPEED, ABOVE_ZERO),
             paper.error(LOCO_MOST, VX),
             errors(VX, (BC, LOCO_HALF, SAFE)),
             settled(VX),
         ),
         judge_extreme(
-            tracking("most-worst-yaw", worst.format("the yaw rate"), YAW_RATE, ABOVE_ZERO),
+            section_b("most-worst-yaw", worst.format("the yaw rate"), YAW_RATE, ABOVE_ZERO),
             paper.error(LOCO_MOST, YAW),
             errors(YAW, (BC, LOCO_HALF, SAFE)),
             settled(YAW),
         ),
         judge_equal(
-            tracking("equal-vx", same, SPEED, ABOVE_ZERO),
+            section_b("equal-vx", same, SPEED),
             paper.error(SAFE, VX),
             paper.error(BC, VX),
             EQUAL,
             settled(VX, (SAFE, BC)),
         ),
         judge_extreme(
-            tracking("half-higher-vx", higher, SPEED, ABOVE_ZERO),
+            section_b("half-higher-vx", higher, SPEED, ABOVE_ZERO),
             paper.error(LOCO_HALF, VX),
             errors(VX, (BC, SAFE)),
             settled(VX, (LOCO_HALF, BC, SAFE)),
         ),
         judge_difference(
-            tracking("half-earlier-vx", earlier, SPEED, ABOVE_ZERO),
+            section_b("half-earlier-vx", earlier, SPEED, ABOVE_ZERO),
             paper.values(LOCO_HALF, lambda cell: early_error(cell, paper.test, VX)),
             paper.values(SAFE, lambda cell: early_error(cell, paper.test, VX)),
             "Mean over the first half of the iterations, which BC does not have.",
         ),
         judge_extreme(
-            tracking("cloning-best-yaw", best, YAW_RATE, BELOW_ZERO),
+            section_b("cloning-best-yaw", best, YAW_RATE, BELOW_ZERO),
             paper.error(BC, YAW),
             errors(YAW, (LOCO_HALF, LOCO_MOST, SAFE)),
             settled(YAW),
         ),
         judge_extreme(
-            tracking("safe-second-yaw", second, YAW_RATE, BELOW_ZERO),
+            section_b("safe-second-yaw", second, YAW_RATE, BELOW_ZERO),
             paper.error(SAFE, YAW),
             errors(YAW, (LOCO_HALF, LOCO_MOST)),
             settled(YAW, (SAFE, LOCO_HALF, LOCO_MOST)),
         ),
         _no_best_claim(
-            tracking("no-best-vy", "No technique tracks vy clearly best.", SPEED, BELOW_ZERO),
+            section_b("no-best-vy", "No technique tracks vy clearly best.", SPEED),
             errors(VY, ALL),
             settled(VY),
         ),
@@ -184,7 +183,7 @@ def _no_best_claim(statement: Statement, samples: Sequence[Sample], beside: str)
     """Judge whether the technique with the smallest error is about as good as the second.
 
     Args:
-        statement: The claim, whose region is replaced.
+        statement: The claim, without a region.
         samples: The error of each technique.
         beside: A sentence with related numbers, which ends the reason.
     """
@@ -203,30 +202,29 @@ def push_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     least = "BC withstands a smaller impulse than all others."
     more = "LocoSafeDAGGER withstands more than LocoDAGGER {}, in the mean of all directions."
     most = "LocoSafeDAGGER withstands more than LocoDAGGER {} from most directions."
-    decays = (("0.5", LOCO_HALF), ("0.8", LOCO_MOST))
     return (
         judge_extreme(
-            pushes("cloning-least-push", least, IMPULSE, BELOW_ZERO),
+            section_c("cloning-least-push", least, IMPULSE, BELOW_ZERO),
             paper.impulse(BC),
             [paper.impulse(each) for each in (LOCO_HALF, LOCO_MOST, SAFE)],
             _survival(paper, ALL),
         ),
         *(
             judge_difference(
-                pushes(f"safe-push-{alpha}", more.format(alpha), IMPULSE, ABOVE_ZERO),
+                section_c(f"safe-push-{alpha}", more.format(alpha), IMPULSE, ABOVE_ZERO),
                 paper.impulse(SAFE),
                 paper.impulse(technique),
                 _survival(paper, (SAFE, technique)),
             )
-            for alpha, technique in decays
+            for alpha, technique in DECAYS
         ),
         *(
             judge_mean(
-                pushes(f"safe-most-{alpha}", most.format(alpha), PERCENT, MOST_DIRECTIONS),
+                section_c(f"safe-most-{alpha}", most.format(alpha), PERCENT, MOST_DIRECTIONS),
                 paper.shares(SAFE, lambda cell, other=technique: _larger(paper, cell, other)),
                 "The share of directions, against the run of the same seed.",
             )
-            for alpha, technique in decays
+            for alpha, technique in DECAYS
         ),
     )
 

@@ -22,7 +22,7 @@ from surefoot.study.run_values import (
     iterations_collected,
     lost,
     mean_impulse,
-    robustness_of,
+    measured_robustness,
     runs_of,
     settled_error,
     shares_of,
@@ -34,6 +34,10 @@ BC = "behavior_cloning"
 LOCO_HALF = "loco_dagger-0.5"
 LOCO_MOST = "loco_dagger-0.8"
 SAFE = "loco_safe_dagger"
+LOCO = (LOCO_HALF, LOCO_MOST)
+"""LocoDAGGER with either decay."""
+DECAYS = (("0.5", LOCO_HALF), ("0.8", LOCO_MOST))
+"""LocoDAGGER's decays, and their techniques."""
 EQUAL = 0.1
 """Largest difference that counts as none, as a share of the value."""
 Part = Callable[[CellResult], Sequence[Collected]]
@@ -99,18 +103,18 @@ class PaperRuns:
     def success(self, technique: str, *, first: bool = False) -> Sample:
         """Share of successes of the last policy of each run, or of its first one."""
         which = 0 if first else -1
-        return self.shares(technique, lambda c: successes(robustness_of(c, self.test, which)))
+        return self.shares(technique, lambda c: successes(measured_robustness(c, self.test, which)))
 
     def error(self, technique: str, axis: Axis) -> Sample:
         """Tracking error of the last policy of each run."""
         return self.values(
-            technique, lambda cell: tracking_error(robustness_of(cell, self.test, -1), axis)
+            technique, lambda cell: tracking_error(measured_robustness(cell, self.test, -1), axis)
         )
 
     def settled(self, technique: str, axis: Axis) -> Sample:
         """Tracking error of the same policies from 1 s on, in all episodes that last that long."""
         return self.values(
-            technique, lambda cell: settled_error(robustness_of(cell, self.test, -1), axis)
+            technique, lambda cell: settled_error(measured_robustness(cell, self.test, -1), axis)
         )
 
     def impulse(self, technique: str) -> Sample:

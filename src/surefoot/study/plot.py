@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from surefoot.config import Backend
+from surefoot.config.sim import SIMULATOR_NAMES
 from surefoot.evaluation.push_limits import PushResult
 from surefoot.evaluation.robustness import Robustness
 from surefoot.evaluation.statistics import Interval
 from surefoot.study.records import Comparison, Measured
-from surefoot.viz.plots import PALETTE, STYLE, plain_text, save_figure
+from surefoot.viz.plots import PALETTE, STYLE, face_forward, plain_text, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 
 EXPERT_COLOR = "black"
 """Color of the first row, the expert's."""
-SIMULATOR_NAMES: dict[Backend, str] = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
-"""The simulators as their authors write them."""
 WEAKEST_SCALE = 0.1
 """[N s] The axes of the pushes reach at least this far."""
 
@@ -133,13 +132,7 @@ def _draw_directions(
     axes: PolarAxes, results: Sequence[Measured], pushed: Sequence[PushResult]
 ) -> None:
     """The push [N s] from each direction, seen from above: forward is up, left is left."""
-    from matplotlib.ticker import MaxNLocator
-
-    axes.set_theta_zero_location("N")
-    axes.set_thetagrids([0, 90, 180, 270], ["forward", "left", "back", "right"])
-    axes.set_rlabel_position(-22.5)
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
-    axes.grid(visible=True)
+    face_forward(axes)
     axes.set_title("Push by direction [N s]", loc="center")
     for measured, color in zip(results, _colors(len(results)), strict=True):
         if measured.pushes is not None:

@@ -18,10 +18,9 @@ from surefoot.config.study import StudyConfig
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.first_stage import without_files
 from surefoot.runs.initial_states import resumed_config
-from surefoot.runs.layout import KEPT_POLICY_FILE
+from surefoot.runs.layout import CONFIG_FILE, KEPT_POLICY_FILE
 from surefoot.runs.metrics import StageRecord, best_iteration
-from surefoot.runs.run import CONFIG_FILE, Run, open_run
-from surefoot.runs.setup import read_setup
+from surefoot.runs.run import Run, open_run
 from surefoot.scenarios.starts import PACKAGED
 from surefoot.study.cells import Cell, cells_of, measurements_of
 from surefoot.study.folder import (
@@ -180,13 +179,13 @@ def _asked_of(setup: StudySetup, cell: Cell, run: Run) -> Config:
     """
     asked = run_config(setup, cell, run.config)
     if asked.start_set not in (None, *PACKAGED) and not Path(asked.start_set).exists():
-        # The file is on another machine: the results have their own copy of the initial states.
+        # The file is on another machine: the configuration of the run names a copy of its own.
         asked = replace(asked, start_set=run.config.start_set)
     spec = run.config.robot.spec
     if spec and asked.robot.spec and replace(asked.robot.spec, urdf=spec.urdf) == spec:
         # Likewise, the results have their own copy of the robot's description.
         asked = replace(asked, robot=replace(asked.robot, spec=spec))
-    return resumed_config(asked, run.config, read_setup(run.folder).starts_hash)
+    return resumed_config(asked, run.config, run.setup.starts_hash)
 
 
 def _is_complete(study: StudyConfig, result: CellResult) -> bool:

@@ -18,7 +18,7 @@ from surefoot.config.json_io import read_record
 from surefoot.config.robot_table import ROBOTS
 from surefoot.evaluation.robustness import Robustness
 from surefoot.scenarios.preparation import Triple
-from surefoot.study.tables import markdown, percent_range
+from surefoot.study.markdown_text import markdown, percent_range
 
 HEAD = (
     "robot",

@@ -3,7 +3,8 @@
 A cell of the survey is one robot in one gait in one simulator. It is prepared like any run
 (`scenarios.prepare`), and its episodes, from perturbed initial states, are those of an evaluation
 (`evaluation.robustness`). Each cell is written as soon as it is measured, so an interrupted survey
-continues with the next one. Next: `robot_cells`, the records and the table.
+continues with the next one. Next: `robot_episodes`, what is computed from the episodes, and
+`robot_cells`, the records and the table.
 """
 
 from __future__ import annotations
@@ -11,7 +12,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,32 +23,26 @@ from surefoot.config.robot_table import ROBOTS
 from surefoot.errors import unknown
 from surefoot.evaluation.robustness import evaluation_job, robustness_of
 from surefoot.files import write_json
-from surefoot.learning.frames import concatenate
 from surefoot.mpc.gaits import with_gait
 from surefoot.mpc.schedule import stands
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
 from surefoot.robots.scaling import size_of, with_own_values
-from surefoot.rollouts.episodes import Rollout
-from surefoot.rollouts.jobs import Job, chunks_of, play_out, summarize_job
+from surefoot.rollouts.jobs import chunks_of
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary, join_summaries, settled_part, velocities
 from surefoot.runs.versions import versions
 from surefoot.scenarios.keys import MEASURING, code_hash, ingredients_of, key_of
 from surefoot.scenarios.make import SEED, SIZES, cycle_instants
-from surefoot.scenarios.preparation import Triple
 from surefoot.scenarios.prepare import Prepared, prepare, prepared_key, with_preparation
 from surefoot.scenarios.walking import GaitError
 from surefoot.study.robot_cells import (
     GaitCell,
     RobotSurvey,
-    Tracking,
-    Use,
     Walked,
     in_order,
     read_cells,
 )
-from surefoot.types import Array, to_ticks
+from surefoot.study.robot_episodes import join_episodes, measure_episodes, tracking_of, use_of
 from surefoot.workers import Workers, map_chunks
 
 FORWARD = (-0.3, 0.6)
@@ -85,7 +79,7 @@ class SurveyPlan:
 
 
 @dataclass(frozen=True)
-class Task:
+class CellTask:
     """A cell to measure.
 
     Attributes:
@@ -95,25 +89,6 @@ class Task:
 
     cell: GaitCell
     config: Config
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What is kept of n episodes; the first axis is the episode.
-
-    Attributes:
-        summary: How they ended.
-        error: ``(n, 3)`` absolute error of the mean vx, vy [m/s] and yaw rate [rad/s] from 1 s on,
-            over whole gait periods.
-        torque: ``(n, 3)`` largest share of the torque limits from 1 s on, largest share overall,
-            and share of the time from 1 s on at a limit.
-        speed: ``(n, 3)`` the same for the speed limits; zero for joints without one.
-    """
-
-    summary: Summary
-    error: Array
-    torque: Array
-    speed: Array
 
 
 def survey_robots(plan: SurveyPlan, folder: Path, workers: Workers) -> RobotSurvey:
@@ -144,7 +119,7 @@ def survey_robots(plan: SurveyPlan, folder: Path, workers: Workers) -> RobotSurv
     return in_order(list(cells.values()))
 
 
-def tasks_of(plan: SurveyPlan) -> list[Task]:
+def tasks_of(plan: SurveyPlan) -> list[CellTask]:
     """The cells of a plan, in the order in which they are measured.
 
     Raises:
@@ -183,7 +158,7 @@ def tasks_of(plan: SurveyPlan) -> list[Task]:
                     asked=config.commands,
                     versions=versions(simulator),
                 )
-                tasks.append(Task(cell, config))
+                tasks.append(CellTask(cell, config))
     if not tasks or len({task.cell.file for task in tasks}) < len(tasks):
         raise ValueError("name at least one robot and one gait, and each of them once")
     return tasks
@@ -204,7 +179,7 @@ def box_of(robot: RobotModel, config: Config) -> CommandBox:
     return CommandBox((low, high), (right, left), TURNING)
 
 
-def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) -> None:
+def check_same(tasks: Sequence[CellTask], cells: dict[str, GaitCell], folder: Path) -> None:
     """Check that a folder's cells can be in one table with those that are to be measured.
 
     Args:
@@ -224,9 +199,11 @@ def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) 
                 f"{folder / name} was measured in {cell.episodes} episodes of {cell.seconds:g} s, "
                 f"not in {first.episodes} of {first.seconds:g} s; name another folder with --out"
             )
-        robots = (models[cell.robot],) if cell.robot in models else ()
+        if cell.robot not in models:
+            continue
+        robots = (models[cell.robot],)
         plan = SurveyPlan(robots, (cell.gait,), (cell.simulator,), cell.episodes, cell.seconds)
-        now = tasks_of(plan)[0].cell if robots else cell
+        now = tasks_of(plan)[0].cell
         if (cell.key, cell.asked) != (now.key, now.asked):
             raise ValueError(
                 f"{folder / name} is of another robot, expert, planner, code or package "
@@ -234,7 +211,7 @@ def check_same(tasks: Sequence[Task], cells: dict[str, GaitCell], folder: Path) 
             )
 
 
-def measure_gait(task: Task, workers: Workers) -> GaitCell:
+def measure_gait(task: CellTask, workers: Workers) -> GaitCell:
     """Measure a cell.
 
     Args:
@@ -250,7 +227,7 @@ def measure_gait(task: Task, workers: Workers) -> GaitCell:
     config = with_preparation(config, made)
     job = evaluation_job(simulated(config, cell.simulator), None, "test", prepared.starts)
     parts = map_chunks(measure_episodes, chunks_of(job), workers, cell.title)
-    measured = join_measured(parts)
+    measured = join_episodes(parts)
     success = measured.summary.outcome == Outcome.SUCCESS
     limited = np.isfinite(load_robot(config.robot).speed_limit).any()
     walked = Walked(
@@ -307,89 +284,6 @@ def boxes_to_try(box: CommandBox) -> list[CommandBox]:
         replace(box, vy=closed, yaw_rate=closed),
     ]
     return list(dict.fromkeys(boxes))
-
-
-def measure_episodes(job: Job) -> Measured:
-    """Run the episodes of one chunk in this process.
-
-    Args:
-        job: The chunk.
-    """
-    rollouts, expert = play_out(job)
-    robot = load_robot(job.config.robot)
-    T = rollouts.duration
-    settled = settled_part(T)
-    share = partial(used, settled=settled)
-    return Measured(
-        summary=summarize_job(job, rollouts, expert, concatenate([]).kept_frames),
-        error=tracking_error(rollouts, to_ticks(job.config.gait.period)),
-        torque=share(np.abs(rollouts.torque[:, :T]) / robot.torque_limit),
-        speed=share(np.abs(rollouts.v[:, :T, 6:]) / robot.speed_limit),
-    )
-
-
-def tracking_error(rollouts: Rollout, period: int) -> Array:
-    """``(n, 3)`` absolute error of the mean velocity from 1 s on, over whole gait periods.
-
-    Args:
-        rollouts: The n episodes; the errors of those that ended early mean nothing.
-        period: The gait period [ms].
-    """
-    T = rollouts.duration
-    settled = settled_part(T)
-    ticks = T - settled.start
-    ticks = ticks // period * period or ticks  # so that a gait's sway cancels
-    reached = velocities(rollouts)[:, T - ticks : T].mean(axis=1)
-    return np.abs(reached - rollouts.starts.command)
-
-
-def used(share: Array, settled: slice) -> Array:
-    """``(n, 3)`` largest share when settled, largest overall, share of settled time at a limit.
-
-    Args:
-        share: ``(n, T, 12)`` shares of the limits.
-        settled: The ticks of the settled part.
-    """
-    largest = share.max(axis=2)
-    return np.stack(
-        [
-            largest[:, settled].max(axis=1),
-            largest.max(axis=1),
-            (largest[:, settled] >= 1.0).mean(axis=1),
-        ],
-        axis=1,
-    )
-
-
-def join_measured(parts: Sequence[Measured]) -> Measured:
-    """The episodes of several chunks, one after another."""
-    return Measured(
-        join_summaries([part.summary for part in parts]),
-        np.concatenate([part.error for part in parts]),
-        np.concatenate([part.torque for part in parts]),
-        np.concatenate([part.speed for part in parts]),
-    )
-
-
-def tracking_of(error: Array) -> Tracking | None:
-    """The mean and the largest of ``(n, 3)`` errors; None without any."""
-    if not len(error):
-        return None
-    return Tracking(_triple(error.mean(axis=0)), _triple(error.max(axis=0)))
-
-
-def use_of(share: Array) -> Use | None:
-    """The use of the limits in n episodes, from the ``(n, 3)`` of `used`; None without any."""
-    if not len(share):
-        return None
-    settled, peak, _ = share.max(axis=0).tolist()
-    return Use(settled, peak, float(share[:, 2].mean()))
-
-
-def _triple(values: Array) -> Triple:
-    """Three numbers as a tuple, for a record."""
-    x, y, z = values.tolist()
-    return x, y, z
 
 
 def _in_words(cell: GaitCell) -> str:

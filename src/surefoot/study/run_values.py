@@ -192,7 +192,9 @@ def policy_tests(cell: CellResult, measurement: str) -> tuple[PolicyTest, ...]:
     return tests.policies if tests is not None and tests.finished else ()
 
 
-def robustness_of(cell: CellResult, measurement: str, which: Literal[0, -1]) -> Robustness | None:
+def measured_robustness(
+    cell: CellResult, measurement: str, which: Literal[0, -1]
+) -> Robustness | None:
     """The robustness of a cell's first or last policy; None if not measured yet."""
     tests = policy_tests(cell, measurement)
     return tests[which].robustness if tests else None

@@ -65,7 +65,8 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
 
     Raises:
         StudyError: The folder holds another study, another process is starting one there, the code
-            has uncommitted changes, or a cell could not be run or measured here.
+            has uncommitted changes, a cell could not be run or measured here, or the networks would
+            be trained in several precisions.
         WriteError: The folder cannot be written to.
     """
     if (folder / STUDY_FILE).exists():
@@ -85,6 +86,7 @@ def open_study(folder: Path, study: StudyConfig) -> StudySetup:
     root = checkout_root()
     commit = None if root is None else clean_commit(root)
     precision = measured_precision(study)
+    check_precisions(study, precision)
     begins = beginnings_of(study)
     setup = StudySetup(study, commit, versions()["surefoot"], precision, begins)
     save_setup(folder, setup)
@@ -107,7 +109,7 @@ def check_cells(study: StudyConfig) -> None:
         for setting in study.settings:
             where = f"{technique.name} in the setting {setting.name}"
             try:
-                config = completed(config_of(technique, setting, study.seeds[0]))
+                config = completed(config_of(technique, setting))
                 if technique.method != EXPERT:
                     check_config(config)
                 for measurement in study.measurements:
@@ -139,6 +141,29 @@ def measured_precision(study: StudyConfig) -> NumberFormat:
         if config.training.precision == "auto":
             return choose_for_run(config).chosen
     return "float32"
+
+
+def check_precisions(study: StudyConfig, measured: NumberFormat) -> None:
+    """Check that all networks of a study train in one precision, or its report would refuse them.
+
+    Args:
+        study: The study.
+        measured: The precision of those with `auto`.
+
+    Raises:
+        StudyError: They train in several.
+    """
+    techniques: dict[str, dict[str, None]] = {}
+    for cell, config in trained_configs(study).items():
+        precision = config.training.precision
+        precision = measured if precision == "auto" else precision
+        techniques.setdefault(precision, {})[cell.technique] = None
+    if len(techniques) > 1:
+        listed = "; ".join(f"{name}: {', '.join(each)}" for name, each in techniques.items())
+        raise StudyError(
+            f"the networks of {study.name} would train in several precisions ({listed}), which "
+            "must not stand in one table: give the option training.precision one value everywhere"
+        )
 
 
 def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> StudyOutcome:

@@ -82,7 +82,7 @@ def say_workers(folder: Path, workers: int) -> None:
 def workers_of(folder: Path) -> int | None:
     """How many jobs at a time the process running a study does; None if no other process runs it.
 
-    It is also None if an earlier version runs the study, because that does not record the number.
+    It is also None until that process has recorded the number (`say_workers`).
     """
     path = folder / WORKERS_FILE
     if not is_locked(folder / LOCK_FILE) or not path.exists():
@@ -207,7 +207,7 @@ def _is_done(folder: Path, study: StudyConfig, job: StudyJob) -> bool:
     record = read_job(folder, job.cell, job.name)
     if record is None or not record.finished:
         return False
-    if job.kind != "measure":
+    if job.kind in ("share", "train"):
         return True
     # A file that was moved away is measured again, and so is what the study has asked for since.
     names = measurements_of(study, job.cell)

@@ -1,7 +1,6 @@
 """A comparison in Markdown: what the policies can do, how they differ, and what they cost.
 
-A dash stands for what has not been measured yet. `docs/methods.md` has these tables; `page_with`
-puts them into such a page without touching the prose around them.
+A dash stands for what has not been measured yet. `docs/methods.md` has these tables.
 """
 
 from __future__ import annotations
@@ -14,8 +13,9 @@ from surefoot.config import Backend
 from surefoot.evaluation.push_limits import PushDifference, PushResult
 from surefoot.evaluation.report import disturbances
 from surefoot.evaluation.robustness import Robustness, VelocityError
-from surefoot.evaluation.statistics import Interval, PairedDifference, wilson
-from surefoot.runs.accounting import RunCost
+from surefoot.evaluation.statistics import PairedDifference, wilson
+from surefoot.runs.run_cost import RunCost
+from surefoot.study.markdown_text import markdown, percent_range
 from surefoot.study.records import (
     Comparison,
     Difference,
@@ -24,12 +24,6 @@ from surefoot.study.records import (
     Row,
 )
 
-BEGIN = "<!-- table -->"
-"""The line before the generated part of a Markdown file."""
-NAMED = "<!-- table of "
-"""Start of that line in a file with the tables of several studies; the study's name follows."""
-END = "<!-- end of table -->"
-"""The line after the generated part."""
 RESULTS = (
     "simulator",
     "method",
@@ -71,31 +65,6 @@ COST = (
     "recoveries by tilt, by bounds",
     "wall time [s]: collect, train, validate, gates",
 )
-
-
-def page_with(text: str, path: Path, study: str = "") -> str:
-    """The content of a Markdown file with a text in its generated part; the prose stays.
-
-    Args:
-        text: The generated text.
-        path: The file; if there is none, the page has no prose.
-        study: Name of the study that the text belongs to. A page with the tables of several studies
-            has a line `<!-- table of NAME -->` for each.
-
-    Raises:
-        ValueError: The file has no such part.
-    """
-    content = path.read_text(encoding="utf-8") if path.is_file() else f"{BEGIN}{END}\n"
-    # A page with the tables of one study has a place without a name.
-    place = f"{NAMED}{study} -->" if study and NAMED in content else BEGIN
-    before, begin, rest = content.partition(place)
-    _, end, after = rest.partition(END)
-    if not (begin and end):
-        raise ValueError(
-            f"{path} has no place for the tables: put the lines {place} and {END} "
-            "where you want them, or name another file"
-        )
-    return f"{before}{begin}\n{text}\n{END}{after}"
 
 
 def comparison_tables(comparison: Comparison) -> str:
@@ -190,19 +159,6 @@ def _about_costs(comparison: Comparison) -> str:
         f"Near falls tilted beyond {comparison.config.safety.fall_angle:.0f} degrees, where pushed "
         "robots may, and did not fall; those in the tail are among them."
     )
-
-
-def markdown(head: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A Markdown table from the cells of its head and its lines; bars in cells are escaped."""
-    rule = ["---"] * len(head)
-    return "\n".join(
-        "| " + " | ".join(_escaped(cell) for cell in cells) + " |" for cells in (head, rule, *lines)
-    )
-
-
-def _escaped(cell: str) -> str:
-    """The text of a cell, changed so that nothing in it ends the cell or the line."""
-    return " ".join(cell.replace("|", "\\|").split())
 
 
 def robustness_cells(evaluation: Robustness | None) -> list[str]:
@@ -310,9 +266,3 @@ def share_cell(count: int | None, n: int | None) -> str:
         return "-"
     low, high = wilson(count, n)
     return f"{count} of {n} {percent_range((low, high))}"
-
-
-def percent_range(interval: Interval) -> str:
-    """The interval of a share, in percent."""
-    low, high = interval
-    return f"({100 * low:.1f} to {100 * high:.1f} %)"

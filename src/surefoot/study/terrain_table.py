@@ -24,7 +24,7 @@ from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import Summary
 from surefoot.scenarios.gaits import all_starts_of
 from surefoot.scenarios.keys import MEASURING, code_hash, ingredients_of, key_of
-from surefoot.study.tables import markdown
+from surefoot.study.markdown_text import markdown
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
@@ -119,8 +119,10 @@ def measure_terrains(
     before = {cell.key: cell for cell in known.cells}
     table = TerrainTable()
     for key, ground, walker in asked:
-        cell = before.get(key) or _measure(ground, walker, workers)
-        cell = replace(cell, key=key, label=walker.label)
+        if key in before:
+            cell = replace(before[key], label=walker.label)
+        else:
+            cell = _measure(key, ground, walker, workers)
         table = TerrainTable((*table.cells, cell))
         if keep is not None:
             keep(_with_others(table, known))
@@ -168,11 +170,11 @@ def key_of_cell(config: Config, walker: Walker) -> str:
     )
 
 
-def _measure(config: Config, walker: Walker, workers: Workers) -> TerrainCell:
-    """Measure a cell; its key is not known here."""
+def _measure(key: str, config: Config, walker: Walker, workers: Workers) -> TerrainCell:
+    """Measure the cell that has this key."""
     robustness, summary = evaluate(config, walker.policy, "test", workers)
     terrain = config.simulation.terrain or ""
-    return TerrainCell("", terrain, walker.label, robustness, lag(summary))
+    return TerrainCell(key, terrain, walker.label, robustness, lag(summary))
 
 
 def lag(summary: Summary) -> tuple[float, float] | None:

@@ -19,15 +19,14 @@ from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
-from surefoot.config import Config, IterativeConfig
+from surefoot.config import Backend, Config, IterativeConfig
 from surefoot.config.study import EXPERT, Measurement, StudyConfig, measured_config
 from surefoot.evaluation.imitation import imitation_error
 from surefoot.evaluation.push import push_recovery
 from surefoot.evaluation.robustness import evaluate
-from surefoot.files import sha256_of, write_atomic
+from surefoot.files import sha256_of
 from surefoot.methods import METHODS
 from surefoot.runs.first_stage import copy_first_stage
-from surefoot.runs.layout import KEPT_POLICY_FILE
 from surefoot.runs.metrics import StageRecord, Trained
 from surefoot.runs.run import config_for, create, open_run
 from surefoot.runs.stages import collect_data, train_policy
@@ -47,10 +46,10 @@ from surefoot.study.folder import (
     read_job,
     read_study,
     read_tests,
-    results_folder,
     run_config,
     run_folder,
     save_job,
+    save_policy,
     save_run,
     save_tests,
     shared_folder,
@@ -132,11 +131,13 @@ def do_job(folder: Path, name: str) -> bool:
             make_shared(folder, setup, job, piece)
         elif job.kind == "train":
             train_cell(folder, setup, job, piece)
-        else:
+        elif job.kind == "measure":
             measure_cell(folder, setup, job, piece)
+        else:
+            copy_tests(folder, setup, job)
     except SliceOver:
         finished = False
-    save_job(folder, job.cell, job_record(folder, job, piece, finished))
+    save_job(folder, job.cell, job_record(folder, setup, job, piece, finished))
     return finished
 
 
@@ -178,8 +179,7 @@ def train_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> 
     finally:
         save_run(folder, cell, run)
     if setup.study.keep_policies == "best_of_run":
-        kept = results_folder(folder, cell) / KEPT_POLICY_FILE
-        write_atomic(kept, run.best_policy_path.read_bytes())
+        save_policy(folder, cell, run)
 
 
 def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -> None:
@@ -192,9 +192,6 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
         piece: The slice of time that it has.
     """
     cell = job.cell
-    if setup.study.technique(cell.technique).method == EXPERT and job.needs:
-        copy_tests(folder, setup.study, find_job(setup.jobs, job.needs[0]).cell, cell)
-        return
     for name in measurements_of(setup.study, cell):
         measurement = setup.study.measurement(name)
         config = config_for(run_folder(folder, cell), run_config(setup, cell))
@@ -205,31 +202,30 @@ def measure_cell(folder: Path, setup: StudySetup, job: StudyJob, piece: Slice) -
         if [each.sha256 for each in done] != [each.sha256 for each in wanted[: len(done)]]:
             logger.warning("%s: %s was measured of other policies; measured again", cell.name, name)
             done = ()
-        # What an earlier version began to measure has no options, as these are not known.
         asked = measured_options(setup.study, cell, name)
-        options = before.options if before is not None and done else asked
         for policy in wanted[len(done) :]:
             piece.stop_if_over()
             done = (*done, _measure(config, policy, measurement))
             finished = len(done) == len(wanted)
-            save_tests(folder, cell, Tests(name, done, finished, options))
+            save_tests(folder, cell, Tests(name, done, finished, asked))
 
 
-def copy_tests(folder: Path, study: StudyConfig, measured: Cell, cell: Cell) -> None:
+def copy_tests(folder: Path, setup: StudySetup, job: StudyJob) -> None:
     """Copy what was measured of the same expert in another setting.
 
     Args:
         folder: Folder of the study.
-        study: The study.
-        measured: The cell that has been measured.
-        cell: The cell that gets the same results.
+        setup: The study.
+        job: The job, which needs the one that measures.
     """
-    for name in measurements_of(study, cell):
-        tests = read_tests(folder, study, measured, name)
+    [needed] = job.needs
+    measured = find_job(setup.jobs, needed).cell
+    for name in measurements_of(setup.study, job.cell):
+        tests = read_tests(folder, setup.study, measured, name)
         assert tests is not None  # the job that measures it is done
-        if tests.options is not None:
-            tests = replace(tests, options=measured_options(study, cell, name))
-        save_tests(folder, cell, tests)
+        if tests.options is not None:  # an earlier version did not say them
+            tests = replace(tests, options=measured_options(setup.study, job.cell, name))
+        save_tests(folder, job.cell, tests)
 
 
 @dataclass(frozen=True)
@@ -285,25 +281,28 @@ def _measure(config: Config, policy: MeasuredPolicy, measurement: Measurement) -
     return replace(test, robustness=robustness)
 
 
-def job_record(folder: Path, job: StudyJob, piece: Slice, finished: bool) -> JobRecord:
+def job_record(
+    folder: Path, setup: StudySetup, job: StudyJob, piece: Slice, finished: bool
+) -> JobRecord:
     """The record of a job after one of its slices, with the time of earlier slices added.
 
     Args:
         folder: Folder of the study.
+        setup: The study.
         job: The job.
         piece: The slice.
         finished: Whether the job is done.
     """
-    setup = read_study(folder)
     config = run_config(setup, job.cell)
-    now = versions(config.simulation.backend)
+    now = versions(_simulator_of(setup.study, job, config))
     before = read_job(folder, job.cell, job.name)
+    trains = job.kind == "train" or (job.kind == "share" and job.shared == "policy")
     record = JobRecord(
         job=job.name,
         commit=setup.commit,
         processors=(now["processor"],),
         versions=now,
-        precision="" if job.kind == "measure" else config.training.precision,
+        precision=config.training.precision if trains else "",
         started=piece.started.isoformat(timespec="seconds"),
         seconds=piece.spent,
         finished=finished,
@@ -316,6 +315,21 @@ def job_record(folder: Path, job: StudyJob, piece: Slice, finished: bool) -> Job
         started=before.started,
         seconds=before.seconds + record.seconds,
     )
+
+
+def _simulator_of(study: StudyConfig, job: StudyJob, config: Config) -> Backend:
+    """The simulator whose version a job's record has: PyBullet if anything in the job uses it.
+
+    Args:
+        study: The study.
+        job: The job.
+        config: The configuration of its cell's run.
+    """
+    used = [config]
+    if job.kind == "measure":
+        names = measurements_of(study, job.cell)
+        used += [measured_config(config, study.measurement(name)) for name in names]
+    return "bullet" if any(each.simulation.backend == "bullet" for each in used) else "mujoco"
 
 
 def end_with_the_supervisor(parent: int) -> None:

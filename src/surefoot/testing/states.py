@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from surefoot.robots.canonical import BASE
 from surefoot.robots.geometry import state_of
 from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import integrate
@@ -87,7 +88,7 @@ def lying_on_its_back(robot: RobotModel) -> Array:
     """
     tops = []
     for shape in robot.shapes:
-        if shape.link == "base_link":
+        if shape.link == BASE:
             half_height = shape.size[2] if len(shape.size) == 3 else shape.size[0]
             tops.append(max(shape.start[2], shape.end[2]) + half_height)
     q = standing(robot)

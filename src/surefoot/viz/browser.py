@@ -216,8 +216,8 @@ class Page:
         self.live.set_command(self._controls.command)
 
     def _report(self, error: str) -> None:
-        """Show the error of a call that was asked for."""
-        self._error = error
+        """Show the error of a call that was asked for; other notes may follow its period."""
+        self._error = f"{error.rstrip('.')}."
 
     def _fail(self, error: str) -> None:
         """Show the error that ended the thread; the source itself may be broken."""
@@ -251,7 +251,7 @@ class Page:
         else:
             title = self._setup.title
             gait = gait_text(snapshot, self._setup.gaits)
-            notes.append(self._setup.note)
+            notes.extend(self._setup.notes)
         speed = 0.0 if self.loop.paused else self.loop.pace.speed
         self._instruments.say(
             status_html(

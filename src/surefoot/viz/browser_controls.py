@@ -7,7 +7,7 @@ may send anything. Read `browser` next, which does what the controls ask for.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from surefoot.config.gait_table import GAITS
 from surefoot.config.robot_table import ROBOTS
@@ -17,12 +17,12 @@ from surefoot.viz.live import DRIVERS, DriverName
 if TYPE_CHECKING:
     import viser
 
+    from surefoot.viz.browser import Page
+
 AXES = ("vx [m/s]", "vy [m/s]", "yaw rate [rad/s]")
 """The sliders of a command."""
-KEYS = ("W and S", "Q and E", "A and D")
-"""The keys that move these sliders up and down."""
 KEY_PAIRS = (("W", "S"), ("Q", "E"), ("A", "D"))
-"""The same keys, one by one."""
+"""The keys that move each slider up and down."""
 KEY_SHARE = 0.1
 """A key moves a slider by this fraction of its range."""
 FIRST_SPEED = 0.2
@@ -35,38 +35,6 @@ FIRST_PUSH = 0.8
 """[N s] The initial size of a push, on a Solo12: most policies recover from it."""
 
 
-class Driven(Protocol):
-    """What the controls act on."""
-
-    def tell(self, command: Command) -> None:
-        """Tell the robot how to walk."""
-        ...
-
-    def let_drive(self, driver: DriverName) -> None:
-        """Choose who drives."""
-        ...
-
-    def push(self, size: float, direction: float) -> None:
-        """Push the robot with an impulse [N s] in a direction [deg]."""
-        ...
-
-    def pause(self) -> None:
-        """Stop time, or let it pass again."""
-        ...
-
-    def set_speed(self, speed: float) -> None:
-        """Set how much time passes per time on the clock."""
-        ...
-
-    def reset(self) -> None:
-        """Begin again from the start."""
-        ...
-
-    def choose(self, robot: str, gait: str) -> None:
-        """Ask for another gait, or begin again with another robot."""
-        ...
-
-
 def clipped(value: float, low: float, high: float) -> float:
     """The nearest number within a range; ``low`` for NaN."""
     return min(max(value, low), high) if value == value else low
@@ -77,12 +45,12 @@ class Controls:
 
     Args:
         server: The page's server.
-        driven: What the controls act on.
+        page: The page, which does what the controls ask for.
     """
 
-    def __init__(self, server: viser.ViserServer, driven: Driven) -> None:
+    def __init__(self, server: viser.ViserServer, page: Page) -> None:
         self._gui = server.gui
-        self._driven = driven
+        self._page = page
         self._low = Command()
         self._high = Command()
         self._push_scale = 1.0
@@ -104,8 +72,8 @@ class Controls:
             self._gait = self._gui.add_dropdown("gait", tuple(GAITS), hint="key G: the next one")
             self._gait.on_update(lambda _: self._choose())
             self._sliders = [
-                self._gui.add_slider(name, -1.0, 1.0, 0.01, 0.0, hint=f"keys {keys}")
-                for name, keys in zip(AXES, KEYS, strict=True)
+                self._gui.add_slider(name, -1.0, 1.0, 0.01, 0.0, hint=f"keys {' and '.join(pair)}")
+                for name, pair in zip(AXES, KEY_PAIRS, strict=True)
             ]
             for slider in self._sliders:
                 slider.on_update(lambda _: self._tell())
@@ -141,15 +109,15 @@ class Controls:
                 "", ("Pause", "Reset"), hint="keys P and R; a second Pause goes on"
             )
             buttons.on_click(lambda event: self._press(event.target.value))
-        self._add_key("Pause or go on", "P", self._driven.pause)
-        self._add_key("Reset", "R", self._driven.reset)
+        self._add_key("Pause or go on", "P", self._page.pause)
+        self._add_key("Reset", "R", self._page.reset)
 
     def _press(self, button: str) -> None:
         """Do what a button for time says."""
         if button == "Pause":
-            self._driven.pause()
+            self._page.pause()
         elif button == "Reset":
-            self._driven.reset()
+            self._page.reset()
 
     def _add_choice(self) -> None:
         """Add the control for the robot."""
@@ -221,12 +189,12 @@ class Controls:
     def _tell(self) -> None:
         """Tell the robot what the sliders show."""
         if not self._fitting:
-            self._driven.tell(self.command)
+            self._page.tell(self.command)
 
     def _let_drive(self) -> None:
         """Let the chosen driver drive."""
         if not self._fitting:
-            self._driven.let_drive(self._driver.value)
+            self._page.let_drive(self._driver.value)
 
     def _nudge(self, axis: int, sign: float) -> None:
         """Move a slider by a step."""
@@ -249,16 +217,16 @@ class Controls:
     def _push(self) -> None:
         """Push the robot as the sliders show."""
         size = clipped(self._size.value, 0.0, MOST_PUSH * self._push_scale)
-        self._driven.push(size, clipped(self._direction.value, -180.0, 180.0))
+        self._page.push(size, clipped(self._direction.value, -180.0, 180.0))
 
     def _set_speed(self) -> None:
         """Let time pass at the chosen speed."""
-        self._driven.set_speed(SPEEDS.get(self._speed.value, 1.0))
+        self._page.set_speed(SPEEDS.get(self._speed.value, 1.0))
 
     def _choose(self) -> None:
         """Ask for the chosen robot and gait."""
         if not self._fitting:
-            self._driven.choose(self._robot.value, self._gait.value)
+            self._page.choose(self._robot.value, self._gait.value)
 
 
 def with_names(names: tuple[str, ...], further: Sequence[str]) -> tuple[str, ...]:

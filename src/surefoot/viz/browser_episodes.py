@@ -6,7 +6,7 @@ Read `playback` for how an episode is shown, and `runs.episode_ids` for its id.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from surefoot.config import LocoDaggerConfig
 from surefoot.runs.episode_ids import EpisodeId
@@ -19,26 +19,12 @@ from surefoot.viz.playback import Playback
 if TYPE_CHECKING:
     import viser
 
+    from surefoot.viz.browser import Page
+
 ROLLOUT = "the rollout itself"
 """The choice of the rollout, and not of one of the expert's queries from its states."""
 NO_FAILURE = "choose"
 """The choice of no failed episode."""
-
-
-class Shows(Protocol):
-    """What the list acts on."""
-
-    def open_episode(self, episode: int) -> None:
-        """Show an episode of the run."""
-        ...
-
-    def seek(self, tick: int) -> None:
-        """Show another tick of the episode [ms]."""
-        ...
-
-    def go_live(self) -> None:
-        """Show the simulation again."""
-        ...
 
 
 class EpisodeList:
@@ -47,16 +33,16 @@ class EpisodeList:
     Args:
         server: The page's server.
         folder: Folder of the run.
-        shows: What the list acts on.
+        page: The page, which shows what is chosen.
 
     Raises:
         RunError: There is no run.
         ValueError: The run has collected nothing.
     """
 
-    def __init__(self, server: viser.ViserServer, folder: Path, shows: Shows) -> None:
+    def __init__(self, server: viser.ViserServer, folder: Path, page: Page) -> None:
         run = open_run(folder)
-        self._shows = shows
+        self._page = page
         self._counts = episode_counts(run)
         self._seeking = False
         gui = server.gui
@@ -74,9 +60,9 @@ class EpisodeList:
         live = gui.add_button("Back to the simulation")
         self._iteration.on_update(lambda _: self._fit_index())
         self._failed.on_update(lambda _: self._choose_failed())
-        open_it.on_click(lambda _: self._shows.open_episode(self.chosen))
+        open_it.on_click(lambda _: self._page.open_episode(self.chosen))
         self._time.on_update(lambda _: self._seek())
-        live.on_click(lambda _: self._shows.go_live())
+        live.on_click(lambda _: self._page.go_live())
 
     @property
     def chosen(self) -> int:
@@ -112,13 +98,13 @@ class EpisodeList:
         self._iteration.value = str(place.iteration)
         self._index.value = place.index
         self._query.value = ROLLOUT
-        self._shows.open_episode(place.number)
+        self._page.open_episode(place.number)
 
     def _seek(self) -> None:
         """Show the time that the slider shows."""
         if not self._seeking:
             seconds = clipped(self._time.value, 0.0, self._time.max)
-            self._shows.seek(round(seconds * TICKS_PER_SECOND))
+            self._page.seek(round(seconds * TICKS_PER_SECOND))
 
 
 def episode_counts(run: Run) -> dict[int, int]:

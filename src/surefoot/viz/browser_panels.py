@@ -13,18 +13,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from surefoot.types import Array
-from surefoot.viz.film import EXPERT_COLOR, INK, POLICY_COLOR
+from surefoot.viz.colors import EXPERT_COLOR, GREEN, INK, ORANGE, POLICY_COLOR, VERMILION
 from surefoot.viz.snapshot import Margin, Snapshot
 
 if TYPE_CHECKING:
     import viser
 
-SAFE_COLOR = "#009E73"
-"""Bluish green of Okabe and Ito's palette."""
-NEAR_COLOR = "#E69F00"
-"""Orange of the same palette."""
-OUTSIDE_COLOR = "#D55E00"
-"""Vermilion of the same palette."""
+SAFE_COLOR = GREEN
+NEAR_COLOR = ORANGE
+OUTSIDE_COLOR = VERMILION
+"""Colors of a margin: far from its bound, near it, and outside."""
 NEAR = 0.3
 """A margin smaller than this is near its bound."""
 SLOW = 0.9

@@ -17,6 +17,7 @@ from surefoot.robots.canonical import BASE, PARTS
 from surefoot.robots.meshes import visual_meshes
 from surefoot.robots.model import RobotModel, Shape
 from surefoot.types import GRAVITY, LEGS, Array
+from surefoot.viz.colors import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILION, YELLOW, rgb
 from surefoot.viz.renderer import view_scale
 from surefoot.viz.snapshot import ShownPlan, Snapshot
 
@@ -27,14 +28,11 @@ logger = logging.getLogger(__name__)
 
 Color = tuple[int, int, int]
 """Red, green and blue, 0 to 255."""
-FORCE_COLOR: Color = (0, 158, 115)
-"""Bluish green of Okabe and Ito's palette."""
-COM_COLOR: Color = (204, 121, 167)
-"""Reddish purple of the same palette."""
-LEG_COLORS = np.array([(230, 159, 0), (86, 180, 233), (240, 228, 66), (0, 114, 178)], np.uint8)
-"""Orange, sky blue, yellow and blue of the same palette, one for each of `LEGS`."""
-PUSH_COLOR: Color = (213, 94, 0)
-"""Vermilion of the same palette."""
+FORCE_COLOR = rgb(GREEN)
+COM_COLOR = rgb(PURPLE)
+PUSH_COLOR = rgb(VERMILION)
+LEG_COLORS = np.array([rgb(color) for color in (ORANGE, SKY_BLUE, YELLOW, BLUE)], np.uint8)
+"""One color for each of `LEGS`."""
 MARK = 0.01
 """[m] Radius of the ball below a Solo12's center of mass, and height of its planned path."""
 FOOTHOLD = 0.013

@@ -15,7 +15,7 @@ from subprocess import PIPE
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from PIL import Image, ImageColor, ImageDraw, ImageFont
+from PIL import Image, ImageDraw, ImageFont
 from scipy.ndimage import gaussian_filter1d
 from tqdm import tqdm
 
@@ -26,6 +26,7 @@ from surefoot.robots.model import RobotModel, standing
 from surefoot.rotations import heading, rotation
 from surefoot.sim.terrain import Ground
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray
+from surefoot.viz.colors import EXPERT_COLOR, GRAY, INK, POLICY_COLOR, rgb
 from surefoot.viz.renderer import RenderingUnavailable, child_process, pictures, view_scale
 
 FILM_SUFFIXES = (".mp4",)
@@ -34,7 +35,7 @@ AIM = 0.11
 """[m] height the camera looks at: halfway from the ground to Solo12's top."""
 SMOOTHING = 0.3
 """[s] width of the Gaussian that smooths the camera's motion after the base."""
-PUSH_SHOWN = 150
+PUSH_CAPTIONED = 150
 """[ms] How long a push is captioned; it lasts 10 ms, less than a frame."""
 SHEET_RATE = 24
 """Frames of a contact sheet per second of the recording."""
@@ -44,16 +45,12 @@ SHEET_WIDTH = 480
 """[pixels] width of a frame of a contact sheet."""
 SHEET_HEIGHT = 320
 """[pixels] height of a frame of a contact sheet."""
-EXPERT_COLOR = "#0072B2"
-"""Blue of Okabe and Ito's palette, whose colors color-blind people can tell apart."""
-POLICY_COLOR = "#D55E00"
-"""Vermilion of the same palette."""
-UNKNOWN_COLOR = "#666666"
-"""Gray of the timeline where nobody drove, or where it is unknown who did."""
+PORTRAIT_SIZE = (960, 640)
+"""[pixels] width and height of the picture of a robot."""
+UNKNOWN_COLOR = GRAY
+"""Color of the timeline where nobody drove, or where it is unknown who did."""
 WAITING = ("damped", "standing up")
 """What the robot is doing while neither the policy nor the expert drives."""
-INK = "#282D37"
-"""Color of texts and marks."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +103,7 @@ class Recording:
             )
 
 
-def in_words(command: Command) -> str:
+def command_in_words(command: Command) -> str:
     """A command for the title of a film: vx, and the other components that are not zero.
 
     Args:
@@ -215,13 +212,12 @@ def contact_sheet(recording: Recording, path: Path, frames: int = 12) -> Path:
     return path
 
 
-def portrait(robot: RobotModel, path: Path, size: tuple[int, int] = (960, 640)) -> Path:
+def portrait(robot: RobotModel, path: Path) -> Path:
     """Draw a robot in its nominal pose, from its front right.
 
     Args:
         robot: The robot.
         path: The picture, with the ending .png; it is written whole or not at all.
-        size: Width and height [pixels].
 
     Returns:
         The path.
@@ -234,7 +230,7 @@ def portrait(robot: RobotModel, path: Path, size: tuple[int, int] = (960, 640)) 
     check_output(path, suffixes=(".png",))
     q = standing(robot)[None]
     camera = _camera(q, np.zeros(1, dtype=np.int64), 0.85, 125.0, -13.0, view_scale(robot))
-    [picture] = pictures(robot, SimulationConfig(), q, camera, size)
+    [picture] = pictures(robot, SimulationConfig(), q, camera, PORTRAIT_SIZE)
     write_atomic(path, lambda target: picture.save(target, format="PNG"))
     return path
 
@@ -312,7 +308,7 @@ def _draw_caption(picture: Image.Image, recording: Recording, tick: int, title: 
             boxes.append(("expert drives", EXPERT_COLOR))
         else:
             boxes.append(("policy drives", POLICY_COLOR))
-    if any(0 <= tick - push < PUSH_SHOWN for push in recording.pushes):
+    if any(0 <= tick - push < PUSH_CAPTIONED for push in recording.pushes):
         boxes.append(("push", INK))
     left = margin
     bottom = height - 2 * margin
@@ -335,11 +331,9 @@ def _draw_timeline(picture: Image.Image, recording: Recording, tick: int) -> Non
     else:
         columns = np.arange(width) * length // width
         by_column = recording.expert_drove[columns, None]
-        expert = ImageColor.getrgb(EXPERT_COLOR)
-        policy = ImageColor.getrgb(POLICY_COLOR)
-        colors = np.where(by_column, expert, policy)
+        colors = np.where(by_column, rgb(EXPERT_COLOR), rgb(POLICY_COLOR))
         if recording.waiting is not None:
-            colors[recording.waiting[columns] >= 0] = ImageColor.getrgb(UNKNOWN_COLOR)
+            colors[recording.waiting[columns] >= 0] = rgb(UNKNOWN_COLOR)
         strip = Image.fromarray(colors[None].astype(np.uint8)).resize((width, thick))
         picture.paste(strip, (0, height - thick))
     for push in recording.pushes:

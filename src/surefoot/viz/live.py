@@ -21,7 +21,7 @@ from surefoot.errors import unknown
 from surefoot.robots.model import RobotModel, standing, stop_speeding
 from surefoot.rollouts.compiled import clip_torque, driver
 from surefoot.rollouts.engine import Remembering
-from surefoot.rollouts.outcome import fallen
+from surefoot.rollouts.outcome import Falls
 from surefoot.rollouts.roles import in_several_gaits
 from surefoot.rotations import from_heading
 from surefoot.safety.monitor import SafetyMonitor
@@ -83,7 +83,6 @@ class LiveSimulation:
 
     Attributes:
         robot: The robot.
-        safety: The bounds.
 
     Raises:
         ValueError: The simulator does not have exactly one robot; or there are several gaits, and a
@@ -104,7 +103,7 @@ class LiveSimulation:
         if simulator.batch != 1:
             raise ValueError(f"a live simulation of {simulator.batch} robots; give it one")
         self.robot: RobotModel = simulator.robot
-        self.safety = safety
+        self._safety = safety
         self._simulator = simulator
         self._damping = damping
         self._expert = expert
@@ -192,7 +191,7 @@ class LiveSimulation:
         if self._plans is not None:
             self._plans.forget()
         self._limp = 0
-        self._lying = 0
+        self._falls = Falls(self._safety, 1)
         self._ended = ""
         self._expert_drives = self._driver == "expert"
         self._push = np.zeros(2)
@@ -279,14 +278,11 @@ class LiveSimulation:
         """End the episode of a robot that has fallen, or whose simulation has blown up."""
         if self._ended:
             return
-        self._lying = self._lying + 1 if self._simulator.body_contact[0] else 0
-        lies = 0.0 < self.safety.body_contact <= self._lying / TICKS_PER_SECOND
+        fell = self._falls.judge(state, self._simulator.body_contact, self._elapsed)
         if self._simulator.blown_up[0]:
             self._ended = "the simulation has blown up"
             self._limp = LIMP_TICKS
-        elif self._elapsed >= to_ticks(self.safety.grace) and (
-            lies or fallen(state, self.safety)[0]
-        ):
+        elif fell[0]:
             self._ended = "the robot fell"
 
     def _limp_torque(self, state: State) -> Array:

@@ -8,15 +8,16 @@ the gaits of a setup as it walks; an expert without a policy can add further one
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
-from surefoot.config import CommandBox, Config, LocoSafeDaggerConfig, OtherGait, RobotConfig
+from surefoot.config import CommandBox, Config, OtherGait, RobotConfig
 from surefoot.config.gait_table import gait_names
+from surefoot.config.methods import blocking_of
 from surefoot.config.single_gaits import each_gait
 from surefoot.learning.policy import Policy, load
 from surefoot.mpc.expert import make_expert, make_planner
@@ -54,14 +55,14 @@ class LiveSetup:
         config: The configuration, with the robot's own values in place of None.
         policy: The policy; None if only the expert can drive.
         title: What is driven, in words.
-        note: What the person who drives it should know; empty if there is nothing.
+        notes: What the person who drives it should know, in whole sentences.
         begin: The number of the gait that the robot begins in.
     """
 
     config: Config
     policy: Policy | None
     title: str
-    note: str = ""
+    notes: tuple[str, ...] = ()
     begin: int = 0
 
     @property
@@ -177,8 +178,7 @@ def find_setup(target: Path | None, robot: str | None = None, gait: str | None =
 
     config = for_each_gait(measured, config)
     notes.append(_ground_note(config))
-    note = "; ".join(dict.fromkeys(filter(None, notes)))
-    setup = LiveSetup(config, policy, f"{name}, {policy.robot}", note)
+    setup = LiveSetup(config, policy, f"{name}, {policy.robot}", _each_once(notes))
     if robot is not None and find_spec(RobotConfig(robot)) == find_spec(config.robot):
         robot = policy.robot  # which may be in a file
     return with_choice(setup, setup, robot or policy.robot, gait or setup.gait)
@@ -224,8 +224,8 @@ def with_expert_of(now: LiveSetup, chosen: LiveSetup) -> LiveSetup:
         safety=envelope([now.config.safety, one.safety]),
     )
     title = f"{now.robot}, {names_of(config)}"
-    notes = dict.fromkeys(filter(None, (now.note, chosen.note)))
-    return LiveSetup(config, None, title, " ".join(notes), begin=len(now.gaits))
+    notes = _each_once((*now.notes, *chosen.notes))
+    return LiveSetup(config, None, title, notes, begin=len(now.gaits))
 
 
 def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
@@ -250,8 +250,13 @@ def expert_setup(config: Config, robot: str, gait: str) -> LiveSetup:
     box = CommandBox(_scaled(WIDE.vx, root), _scaled(WIDE.vy, root), WIDE.yaw_rate)
     # Set the commands before the robot's own values, because they decide the expert's rules.
     config, unmeasured = _measured(replace(with_gait(config, gait), commands=box))
-    note = " ".join(filter(None, (unmeasured, _ground_note(config))))
-    return LiveSetup(config, None, f"{model.name}, {gait}", note)
+    notes = _each_once((unmeasured, _ground_note(config)))
+    return LiveSetup(config, None, f"{model.name}, {gait}", notes)
+
+
+def _each_once(notes: Iterable[str]) -> tuple[str, ...]:
+    """Notes without the empty ones, and each of them once."""
+    return tuple(dict.fromkeys(filter(None, notes)))
 
 
 def _ground_note(config: Config) -> str:
@@ -279,7 +284,7 @@ def _measured_with(config: Config, _content: str) -> tuple[Config, str]:
     try:
         return with_measured_gain(config), ""
     except ValueError as error:
-        note = f"the command gains could not be measured and are 1: {error}"
+        note = f"The command gains could not be measured and are 1: {error}."
         return with_own_values(config), note
 
 
@@ -300,8 +305,7 @@ def start(setup: LiveSetup) -> LiveSimulation:
     robot = load_robot(config.robot)
     safety = config.safety
     plans = WatchedPlanner([make_planner(robot, one) for one in each_gait(config)])
-    method = config.method
-    blocking = method if isinstance(method, LocoSafeDaggerConfig) else LocoSafeDaggerConfig()
+    blocking = blocking_of(config.method)
     monitor = SafetyMonitor(Bounds(config.safety), blocking.T_block, blocking.hand_back)
     safety = replace(
         safety,

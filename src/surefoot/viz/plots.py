@@ -16,21 +16,18 @@ import numpy as np
 
 from surefoot.files import check_output, write_atomic
 from surefoot.runs.metrics import Collected, StageRecord, Trained, Validated, best_iteration
+from surefoot.viz.colors import BLUE, GRAY, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILION, YELLOW
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.projections.polar import PolarAxes
     from matplotlib.typing import RcKeyType
 
 PLOT_SUFFIXES = (".png", ".svg")
 """The file name endings of plots, which select the format."""
-BLUE = "#0072B2"
-RED = "#D55E00"
-GREEN = "#009E73"
-GRAY = "#666666"
-"""Colors of Okabe and Ito's palette, which color-blind people can tell apart, and a gray."""
-PALETTE = (BLUE, RED, GREEN, "#CC79A7", "#E69F00", "#56B4E9", GRAY, "#F0E442", "#7B4FA3")
-"""Colors of the methods; the ninth, a violet, is not from that palette. The expert is black."""
+PALETTE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY_BLUE, GRAY, YELLOW, "#7B4FA3")
+"""Colors of the methods; the ninth is a violet. The expert is black."""
 MOST_LABELS = 12
 """Maximum number of iterations named on the axis; of more, every second, every third, and so on."""
 STYLE: dict[RcKeyType, Any] = {
@@ -134,7 +131,9 @@ def _plot_falls(axes: Axes, collected: list[Collected]) -> None:
     driven = [record.falls_expert_driving for record in collected]
     top = max(*falls, 4)
     axes.plot(iterations, falls, "o-", color=BLUE, label="all")
-    axes.plot(iterations, driven, "s--", color=RED, label="while the expert drove", markersize=5)
+    axes.plot(
+        iterations, driven, "s--", color=VERMILION, label="while the expert drove", markersize=5
+    )
     axes.set(title="Falls while collecting data", ylabel="falls per iteration")
     axes.set_ylim(-0.03 * top, 1.15 * top)
     axes.yaxis.set_major_locator(MaxNLocator(nbins=5, integer=True))
@@ -200,3 +199,14 @@ def _label_policies(axes: Axes, frames: dict[int, int], is_series: bool) -> None
     axes.set_xlim(min(frames) - 0.5, max(frames) + 0.5)
     name = "policy" if is_series else "iteration (0 is the pre-training)"
     axes.set_xlabel(f"{name}, and frames that it trained on")
+
+
+def face_forward(axes: PolarAxes) -> None:
+    """Turn polar axes of directions as seen from above: forward is up, left is left."""
+    from matplotlib.ticker import MaxNLocator
+
+    axes.set_theta_zero_location("N")
+    axes.set_thetagrids([0, 90, 180, 270], ["forward", "left", "back", "right"])
+    axes.set_rlabel_position(-22.5)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    axes.grid(visible=True)

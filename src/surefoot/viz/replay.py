@@ -19,14 +19,14 @@ from surefoot.mpc.expert import Expert
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import standing
 from surefoot.rollouts.episodes import Rollout
-from surefoot.rollouts.jobs import Job, disturbance_of, expert_name, play_out, summarize_job
+from surefoot.rollouts.jobs import Job, expert_name, play_out, summarize_job
 from surefoot.rollouts.latching import latched_in_words
 from surefoot.rollouts.outcome import Outcome
 from surefoot.rollouts.summary import settled_part, velocities
-from surefoot.runs.checks import check_expert
 from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.metrics import Collected
+from surefoot.runs.own_expert import check_expert
 from surefoot.runs.query import Query
 from surefoot.runs.run import Run, open_run, warn_of_versions
 from surefoot.scenarios.starts import Starts, at_rest
@@ -210,12 +210,12 @@ def report_episode(
         drove_last="expert" if rollouts.expert_drove[0, shown - 1] else "policy",
         takeovers=int(summary.takeovers[0]),
         expert_share=float(summary.expert_ticks[0] / max(summary.proper_ticks[0], 1)),
-        pushes=tuple(tick / TICKS_PER_SECOND for tick in push_ticks(job, rollouts)),
+        pushes=tuple(tick / TICKS_PER_SECOND for tick in push_ticks(rollouts)),
         latched=None if profile is None else latched_in_words(rollouts, profile),
     )
 
 
-def push_ticks(job: Job, rollouts: Rollout) -> tuple[int, ...]:
-    """Ticks at which pushes began in the first episode of a job that was played out [ms]."""
-    pushes = disturbance_of(job).pushes
+def push_ticks(rollouts: Rollout) -> tuple[int, ...]:
+    """Ticks at which pushes began in the first of some episodes [ms]."""
+    pushes = rollouts.disturbance.pushes
     return () if pushes is None else pushes.begun(0, int(rollouts.length[0]))

@@ -16,7 +16,7 @@ from surefoot.robots.model import RobotModel, standing
 from surefoot.robots.rigid import center_of_mass, feet, legs_of, masses_of
 from surefoot.rotations import from_heading, heading_velocity
 from surefoot.safety.gates import distances
-from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, Command, IntArray, State
+from surefoot.types import TICKS_PER_SECOND, Array, Command, IntArray, State
 
 SAMPLE_TICKS = 20
 """[ms] Time between two rows of a trace."""
@@ -96,11 +96,6 @@ class Snapshot:
     damped: bool = False
     gait: int = 0
     asked_gait: int = 0
-
-    @property
-    def contacts(self) -> BoolArray:
-        """``(4,)`` True where a foot carries the robot."""
-        return self.state.contacts
 
 
 class Source(Protocol):

@@ -79,6 +79,15 @@ def test_other_columns_may_hold_anything(log, tmp_path, text):
         np.testing.assert_array_equal(read[name], values)
 
 
+def test_a_first_column_may_begin_with_a_hash_sign(log, tmp_path):
+    write_csv(tmp_path / "log.csv", log)
+    names, *rows = (tmp_path / "log.csv").read_text().splitlines()
+    notes = ["", "#3", "#", *["walks"] * (len(rows) - 3)]
+    noted = [f"{note},{row}" for note, row in zip(notes, rows, strict=True)]
+    (tmp_path / "log.csv").write_text("\n".join([f"note,{names}", *noted]))
+    np.testing.assert_array_equal(read_expert_log(tmp_path / "log.csv")["q"], log["q"])
+
+
 @pytest.mark.parametrize(
     ("extra", "message"),
     [

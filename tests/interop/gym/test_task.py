@@ -83,8 +83,11 @@ def test_a_fall_by_the_packages_own_rule_terminates_and_stops_the_robot():
     assert (robots.tick - before).tolist() == [5, 5]
 
 
-def test_a_body_on_the_ground_is_a_fall_where_the_bounds_say_so():
-    bounds = SafetyConfig(grace=0.0, body_contact=0.01, fall_height=(-9.0, 9.0), fall_angle=180.0)
+@pytest.mark.parametrize("body_contact", [0.01, 0.0004])
+def test_a_body_on_the_ground_is_a_fall_where_the_bounds_say_so(body_contact):
+    bounds = SafetyConfig(
+        grace=0.0, body_contact=body_contact, fall_height=(-9.0, 9.0), fall_angle=180.0
+    )
     robots = walkers(config=replace(CONFIG, safety=bounds), rate=10)
     limp = np.tile([0.0, 1.0, 0.0], (2, 4))
     fell = [robots.decide(limp, BOTH).terminated for _ in range(10)]

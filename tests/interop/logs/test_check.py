@@ -23,7 +23,18 @@ ONE = np.where(np.arange(12) == 3, -1.0, 1.0)
 def case(request, tmp_path_factory):
     """An exported file, its policy and a log in which all agrees."""
     path, policy = exported(tmp_path_factory.mktemp("export"), request.param)
-    return read_export(path), policy, answered_log(load(path))
+    return read_export(path), policy, answered_log(load(path), 120)
+
+
+# A search for what explains a difference takes seconds, and hardly depends on the layout.
+search = pytest.mark.parametrize("case", first_often(1, ["full", "proprioceptive"]), indirect=True)
+
+
+def searches(names, changes):
+    """Changes of a log of either layout; often, only one of them where the policy remembers."""
+    cases = [(layout, *change) for layout in ("full", "proprioceptive") for change in changes]
+    often = first_often(len(changes) + 1, cases)
+    return pytest.mark.parametrize(("case", *names), often, indirect=["case"])
 
 
 def every_second(log):
@@ -86,7 +97,7 @@ BROKEN = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "term", "change"), BROKEN)
+@searches(("kind", "term", "change"), BROKEN)
 @pytest.mark.parametrize("kept", first_often(1, ["targets", "input", "sensors"]))
 def test_the_term_that_was_changed_is_named(case, kind, term, change, kept):
     """With the network's input in the log, with the joint targets only, and with sensors only."""
@@ -104,6 +115,7 @@ def test_the_term_that_was_changed_is_named(case, kind, term, change, kept):
     assert finding.text.startswith(f"{finding.term}: ")
 
 
+@search
 def test_joints_in_another_order_throughout_are_named(case):
     file, _, log = case
     both = replace(
@@ -117,6 +129,7 @@ def test_joints_in_another_order_throughout_are_named(case):
     assert "legs FR, FL, HR, HL" in found.text
 
 
+@search
 @pytest.mark.parametrize("kept", ["input", "targets"])
 def test_an_orientation_with_its_scalar_first_is_named(case, kept):
     file, _, log = case
@@ -127,6 +140,7 @@ def test_an_orientation_with_its_scalar_first_is_named(case, kept):
     assert (found.term, found.kind) == ("orientation", "order")
 
 
+@search
 def test_a_rate_is_named(case):
     file, _, log = case
     found = check_log(every_second(log), file).findings[0]
@@ -172,6 +186,7 @@ def test_a_log_without_the_base_is_refused_where_the_layout_needs_it(tmp_path):
         check_pipeline(replace(log, base_height=None), read_export(pipeline))
 
 
+@search
 def test_targets_that_no_single_change_explains_ask_for_the_input(case):
     file, _, log = case
     noise = 0.3 * np.random.default_rng(0).normal(size=log.joint_target.shape)
@@ -216,7 +231,7 @@ DRIVER = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "text", "change"), DRIVER)
+@searches(("kind", "text", "change"), DRIVER)
 def test_what_a_driver_does_to_angles_and_rates_together_is_named(case, kind, text, change):
     file, _, log = case
     found = check_log(change(replace(log, network_input=None)), file).findings[0]
@@ -224,6 +239,7 @@ def test_what_a_driver_does_to_angles_and_rates_together_is_named(case, kind, te
     assert text in found.text
 
 
+@search
 def test_a_factor_is_fitted(case):
     """Solo12's gear turns nine times as fast as the joint."""
     file, _, log = case
@@ -243,7 +259,7 @@ TARGETS = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "text", "change"), TARGETS)
+@searches(("kind", "text", "change"), TARGETS)
 @pytest.mark.parametrize("kept", first_often(1, ["input", "targets"]))
 def test_what_becomes_of_the_answers_is_named(case, kind, text, change, kept):
     file, _, log = case
@@ -329,7 +345,7 @@ def test_another_network_is_named(case):
     assert report.findings[0].term == "network"
 
 
-@pytest.mark.parametrize("with_torch", [False, True])
+@pytest.mark.parametrize("with_torch", first_often(1, [True, False]))
 @pytest.mark.parametrize("kept", ["input", "targets", "sensors"])
 def test_a_pipeline_is_replayed_too(tmp_path, with_torch, kept):
     path, policy = exported(tmp_path, "proprioceptive")
@@ -349,7 +365,7 @@ def test_a_pipeline_is_replayed_too(tmp_path, with_torch, kept):
 @pytest.mark.parametrize("kept", ["input", "targets"])
 def test_a_log_from_the_middle_of_an_episode_is_judged_where_its_past_is_known(tmp_path, kept):
     path, _ = exported(tmp_path, "proprioceptive")
-    log = answered_log(load(path), 320)
+    log = answered_log(load(path), 280)
     if kept == "targets":
         log = replace(log, network_input=None)
     arrays = {name: array for name, array in vars(log).items() if array is not None}
@@ -370,6 +386,7 @@ def test_a_log_of_several_gaits_is_replayed_in_the_gait_that_was_walked(tmp_path
     assert inputs[:, -2:].argmax(axis=1).tolist() == log.gaits.tolist()
     assert check_log(log, read_export(path), torch).findings == ()
     assert check_pipeline(log, pipeline, torch).findings == ()
+    assert check_pipeline(log, pipeline).findings == ()
     # Without the gait, the first one is taken to have been walked.
     assert check_log(replace(log, gait=None), read_export(path)).findings[0].term == "phase"
 

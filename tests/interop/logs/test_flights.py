@@ -61,7 +61,8 @@ def flown(path, total: int, expert=range(0), unseen: int = 0):
             command = JointCommand(policy.target(sensors, tick, COMMAND), policy.kp, policy.kd)
         if tick >= unseen:
             drove = tick in expert
-            record = TickRecord(tick, tick * TICK_NS, DRIVE, drove, COMMAND, tick, 100.0, 100.0)
+            time_ns = tick * TICK_NS
+            record = TickRecord(tick, time_ns, DRIVE, drove, COMMAND, tick, 100.0, 100.0, gait=0)
             recorder.add(record, sensors, command)
     return sensor_log_of_flight(recorder.flight())
 
@@ -87,7 +88,7 @@ def test_a_right_flight_agrees(path, total, expert, unseen, rows):
 
 
 def test_of_a_flight_that_begins_with_an_episode_all_rows_are_judged(path):
-    log = flown(path, 300)
+    log = flown(path, 90)
     assert log.joint_target is not None
     log.joint_target[10] += 0.1
     found = check_log(log, read_export(path)).findings[0]

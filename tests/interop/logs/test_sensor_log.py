@@ -146,6 +146,7 @@ def flight_of(log, mode, expert):
         work_us=zeros[:, 0],
         round_trip_us=zeros[:, 0],
         gait_tick=np.where(np.array(mode) == 2, log.tick, -1),
+        gait=np.zeros(n, np.int64),
     )
 
 
@@ -160,12 +161,11 @@ def test_a_flight_is_a_log_of_the_ticks_that_the_policy_drove(tmp_path):
     assert found.base_height is None
 
 
-def test_a_flight_keeps_the_gait_and_an_older_one_is_of_the_first_gait():
+def test_a_flight_keeps_the_gait():
     log = smooth_log(20)
     flight = flight_of(log, [1] * 5 + [2] * 15, [False] * 20)
     gait = np.repeat([0, 1], 10)
     assert sensor_log_of_flight(replace(flight, gait=gait)).gaits.tolist() == [0] * 5 + [1] * 10
-    assert sensor_log_of_flight(flight).gaits.tolist() == [0] * 15
 
 
 def test_of_a_flight_the_longest_stretch_counts_and_says_whether_an_episode_begins_with_it():
@@ -185,12 +185,9 @@ def test_of_a_flight_the_longest_stretch_counts_and_says_whether_an_episode_begi
     assert log.at(slice(0, 9)).begins is None
 
 
-def test_a_flight_in_which_no_policy_drove_or_without_its_clock_is_no_log():
+def test_a_flight_in_which_no_policy_drove_is_no_log():
     with pytest.raises(ValueError, match="no policy drove"):
         sensor_log_of_flight(flight_of(smooth_log(10), [1] * 10, [False] * 10))
-    flight = flight_of(smooth_log(10), [2] * 10, [False] * 10)
-    with pytest.raises(ValueError, match="without the gait clock"):
-        sensor_log_of_flight(replace(flight, gait_tick=np.zeros(0, np.int64)))
 
 
 def test_a_log_that_is_not_there_says_what_writes_one(tmp_path):

@@ -10,7 +10,7 @@ import torch
 
 from surefoot.config import Config, Gait, RobotConfig
 from surefoot.config.gait_table import GAITS
-from surefoot.config.json_io import from_json, to_json
+from surefoot.config.json_io import from_json
 from surefoot.deploy.description import KEY, PolicyDescription, StartRange
 from surefoot.deploy.export_file import read_export
 from surefoot.interop.logs.simulated import sensor_log_of
@@ -200,9 +200,3 @@ def test_the_bounds_that_a_policy_was_trained_under_are_there_unless_unknown(tmp
     policy.bounds = safety_bounds(with_own_values(Config()))
     path, _ = exported(tmp_path / "known", policy=policy)
     assert read_export(path).description.bounds == policy.bounds
-
-
-def test_a_description_without_bounds_as_older_files_have_it_is_read(tmp_path):
-    values = to_json(read_export(exported(tmp_path)[0]).description)
-    del values["bounds"]
-    assert from_json(PolicyDescription, values).bounds is None

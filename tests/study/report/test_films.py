@@ -22,7 +22,7 @@ from surefoot.study.results import read_results
 from surefoot.viz.renderer import RenderingUnavailable
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def results(study_folder):
     return read_results(study_folder)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from surefoot.config.studies import regimes_study
 from surefoot.study.cells import cells_of
+from surefoot.study.paper_claims import paper_claims
 from surefoot.study.report.markdown_page import page_of_tables
 from surefoot.study.report.study_page import study_report
 from tests.fakes.studies import FakeRun, study_results
@@ -70,6 +71,18 @@ def test_what_is_not_measured_is_not_there_and_the_page_says_how_much_is(tmp_pat
     complete = set(trained) - set(results.missing)
     about = f"{len(complete)} of {len(trained)} trainings of commit 0123456789ab are complete"
     assert about in text and len(trained) < len(cells)
+
+
+def test_the_papers_claims_stand_in_a_table(tmp_path):
+    results = study_results({"loco_safe_dagger": [FakeRun(falls=(0, 0), share=(0.1, 0.1))]})
+    text = page(results, tmp_path / "page.md")
+    claims = paper_claims(results)
+    assert "\n1 finished run of commit 0123456789ab, seeds " in text
+    assert "\n| claim | section | verdict | measured | why |\n" in text
+    assert len({claim.number for claim in claims}) > 1
+    for each in claims:
+        row = (each.text, each.section, f"**{each.verdict}**", each.number, each.reason)
+        assert f"\n| {' | '.join(row)} |\n" in text
 
 
 def test_planned_comparisons_stand_below_with_their_verdicts(tmp_path):

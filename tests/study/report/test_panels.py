@@ -20,7 +20,7 @@ from tests.fakes.runs import collected_record
 from tests.fakes.study_folders import paper_like, write_study
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def results(study_folder):
     return read_results(study_folder)
 
@@ -137,7 +137,7 @@ def test_the_deviation_from_the_expert_is_shown_and_judged(results):
 def deviation(cell):
     """The deviation from the expert of the best policy of a cell."""
     best = cell.best_test("test")
-    error = ImitationError("starts", "hash", 60, 4800, 79.5, 425.0)
+    error = ImitationError("starts", "hash", 60, 4800, 79.5, 425.0, None)
     policy = replace(best, robustness=None, pushes=None, imitation=error)
     return study_folder.Tests("imitation", (policy,), finished=True)
 

@@ -13,6 +13,7 @@ from surefoot.config.presets import preset
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.run import open_run
+from surefoot.study.layout import TESTS_FOLDER
 from surefoot.study.report.run_card import option_changes, run_card
 from surefoot.study.report.run_page import write_run_card
 from surefoot.study.report.source import stages
@@ -20,19 +21,35 @@ from tests.fakes.comparisons import run_of
 from tests.fakes.pages import Page, check_numbers
 from tests.fakes.runs import collected_record
 
+NAME = "a <b> & c"
+"""The name of a folder that would break a careless page."""
+
 
 @pytest.fixture
 def folder(tmp_path):
-    """A finished run in a folder whose name would break a careless page."""
-    return run_of(tmp_path / "a <b> & c", LocoSafeDaggerConfig(), 0, best=1)
+    """A finished run in a folder of this name."""
+    return run_of(tmp_path / NAME, LocoSafeDaggerConfig(), 0, best=1)
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The same, and the text of its page with all figures; tests must not write to it."""
+    folder = run_of(tmp_path_factory.mktemp("card") / NAME, LocoSafeDaggerConfig(), 0, best=1)
+    return folder, write_run_card(run_card(folder), folder.parent / "out").read_text()
 
 
 def page_of(folder, out) -> Page:
     return Page(write_run_card(run_card(folder), out).read_text())
 
 
-def test_every_number_on_the_card_is_the_stored_one(folder, tmp_path):
-    page = page_of(folder, tmp_path / "out")
+def page_without_figures(card, out) -> Page:
+    """The page of a card of which a test reads no figures, which take seconds to draw."""
+    return Page(write_run_card(replace(card, figures=()), out).read_text())
+
+
+def test_every_number_on_the_card_is_the_stored_one(written):
+    folder, text = written
+    page = Page(text)
     assert len(page.numbers) > 30
     check_numbers(page, folder)
 
@@ -47,7 +64,7 @@ def test_failures_have_the_command_that_replays_them(folder, tmp_path):
     assert [each.command for each in card.failures] == [
         f"surefoot play '{folder}' --iteration 1 --episode 17"
     ]
-    assert card.failures[0].command in page_of(folder, tmp_path / "out").text
+    assert card.failures[0].command in page_without_figures(card, tmp_path / "out").text
 
 
 def test_the_best_policy_has_its_hash(folder, tmp_path):
@@ -55,13 +72,13 @@ def test_the_best_policy_has_its_hash(folder, tmp_path):
     policy = folder / "policies/001.safetensors"
     assert card.policy == policy
     assert card.policy_sha256 == sha256(policy.read_bytes()).hexdigest()
-    assert card.policy_sha256 in page_of(folder, tmp_path / "out").text
+    assert card.policy_sha256 in page_without_figures(card, tmp_path / "out").text
 
 
-def test_a_name_cannot_break_the_card(folder, tmp_path):
-    path = write_run_card(run_card(folder), tmp_path / "out")
-    assert "<b>" not in path.read_text()
-    assert "Model card: loco_safe_dagger, a <b> & c" in Page(path.read_text()).text
+def test_a_name_cannot_break_the_card(written):
+    _, text = written
+    assert "<b>" not in text
+    assert f"Model card: loco_safe_dagger, {NAME}" in Page(text).text
 
 
 def test_an_unfinished_run_has_a_card(tmp_path):
@@ -90,6 +107,14 @@ def test_nobody_drove_in_an_iteration_without_rollouts(folder):
     assert math.isnan(stage.share("expert_share").value)
 
 
+def test_a_measurement_that_cannot_be_read_is_named(folder):
+    path = folder / TESTS_FOLDER / "test.json"
+    path.parent.mkdir()
+    path.write_text('{"speed": 3}')
+    with pytest.raises(ValueError, match=re.escape(str(path))):
+        run_card(folder)
+
+
 @pytest.mark.parametrize("method", ["behavior_cloning", "loco_safe_dagger"])
 def test_a_run_of_the_papers_preset_differs_in_nothing(method):
     config = with_own_values(preset(method, "paper"))
@@ -111,10 +136,10 @@ def test_behavior_cloning_keeps_the_policy_of_most_data(tmp_path):
 
 def test_the_network_is_that_of_the_layout(folder, tmp_path):
     card = run_card(folder)
-    assert "47 inputs" in page_of(folder, tmp_path / "full").text
+    assert "47 inputs" in page_without_figures(card, tmp_path / "full").text
     policy = replace(card.config.policy, layout="full_history")
     other = replace(card, config=replace(card.config, policy=policy), policy=None)
-    page = Page(write_run_card(other, tmp_path / "history").read_text())
+    page = page_without_figures(other, tmp_path / "history")
     assert "full_history" in page.text and "47 inputs" not in page.text
 
 
@@ -123,6 +148,7 @@ def test_episodes_of_a_robot_have_no_command_that_simulates_them_again(folder, t
     lines[4] = json.dumps(json.loads(lines[4]) | {"failed_episodes": [100_017]})
     (folder / "metrics.jsonl").write_text("\n".join([*lines, ""]))
     (folder / ATTEMPTS_FILE).write_text("")
-    assert run_card(folder).failures == ()
-    text = page_of(folder, tmp_path / "out").text
+    card = run_card(folder)
+    assert card.failures == ()
+    text = page_without_figures(card, tmp_path / "out").text
     assert "finished: the last policy, of iteration 1" in text and "attempts.jsonl" in text

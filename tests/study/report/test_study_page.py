@@ -6,12 +6,13 @@ import pytest
 
 from surefoot.config.json_io import read_json, to_json
 from surefoot.files import write_json
-from surefoot.runs.run import CONFIG_FILE
+from surefoot.runs.layout import CONFIG_FILE
 from surefoot.study.folder import Judged, JudgedPrediction, StudyError
 from surefoot.study.layout import JUDGED_FILE
-from surefoot.study.report import verdicts
+from surefoot.study.report import numbers, verdicts
 from surefoot.study.report.study_page import study_report, write_study_report
-from surefoot.study.report.verdicts import Verdict
+from surefoot.study.report.tables import figure_tables
+from surefoot.study.report.verdicts import JudgedSentence
 from surefoot.study.results import read_results
 from tests.fakes.pages import Page, check_numbers
 
@@ -37,6 +38,29 @@ def test_a_changed_result_is_noticed(written, own_study):
     file.write_text(file.read_text().replace('"successes": 8', '"successes": 7'))
     with pytest.raises(AssertionError):
         check_numbers(page, own_study)
+
+
+def tables_of_figures(results) -> str:
+    """The tables of all figures of a report."""
+    return "".join(figure_tables(figure) for figure in study_report(results).figures)
+
+
+def test_a_wrong_interval_is_noticed(monkeypatch, study_folder):
+    """The check of a page's intervals shares nothing with the code that computes them."""
+    results = read_results(study_folder)
+    check_numbers(Page(tables_of_figures(results)), study_folder)
+    right = numbers.mean_of_runs
+
+    def too_wide(runs):
+        means = right(runs)
+        if means.interval is None:
+            return means
+        low, high = means.interval
+        return replace(means, interval=(low, high + 0.01))
+
+    monkeypatch.setattr(numbers, "mean_of_runs", too_wide)
+    with pytest.raises(AssertionError):
+        check_numbers(Page(tables_of_figures(results)), study_folder)
 
 
 def test_names_cannot_break_the_page(written):
@@ -68,16 +92,27 @@ def test_figures_are_files_too(written):
     assert (out / "figures/1-failures.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_the_same_results_give_the_same_page(written, study_folder, tmp_path):
-    _, _, text = written
-    results = read_results(study_folder)
-    again = write_study_report(results, study_report(results), tmp_path)
-    assert again.read_text() == text
+ALL = pytest.param(slice(None), marks=pytest.mark.thorough)
+
+
+@pytest.mark.parametrize("figures", [slice(1), ALL])
+def test_the_same_results_give_the_same_page(study_folder, tmp_path, figures):
+    """With one of the figures, which takes a few seconds, or with all."""
+    texts = []
+    for folder in (tmp_path / "one", tmp_path / "two"):
+        results = read_results(study_folder)
+        report = study_report(results)
+        report = replace(report, figures=report.figures[figures])
+        texts.append(write_study_report(results, report, folder).read_text())
+    assert "<svg" in texts[0]
+    assert texts[0] == texts[1]
 
 
 def test_claims_and_comparisons_stand_with_their_verdicts(monkeypatch, study_folder, tmp_path):
-    claim = Verdict("Under 5 % fail.", "V-A", "does not hold", "7.5 %", "over <5 %")
-    outcome = Verdict("BC withstands less.", "in a storm", "cannot tell", "0.1 N s", "p = 0.4")
+    claim = JudgedSentence("Under 5 % fail.", "V-A", "does not hold", "7.5 %", "over <5 %")
+    outcome = JudgedSentence(
+        "BC withstands less.", "in a storm", "cannot tell", "0.1 N s", "p = 0.4"
+    )
     monkeypatch.setattr(verdicts, "paper_claims", lambda results: (claim,))
     monkeypatch.setattr(verdicts, "comparison_outcomes", lambda results: (outcome,))
     results = read_results(study_folder)
@@ -119,7 +154,8 @@ def test_predictions_stand_beside_what_came_of_them(own_study, tmp_path):
     results = read_results(own_study)
     report = study_report(results)
     assert report.predictions[0] == judged.predictions[0]
-    page = Page(write_study_report(results, report, tmp_path / "report").read_text())
+    without_figures = replace(report, figures=())
+    page = Page(write_study_report(results, without_figures, tmp_path / "report").read_text())
     assert "false <b>" in page.text and "1 & 2 of 5" in page.text
     assert page.text.count("not judged yet") == len(others)
 

@@ -20,7 +20,7 @@ from types import ModuleType
 import numpy as np
 
 import surefoot
-from surefoot.config import Config, method_name
+from surefoot.config import Config
 from surefoot.config.json_io import to_json
 from surefoot.files import write_atomic
 from surefoot.interop.cards import dataset_card
@@ -91,7 +91,7 @@ def export_minari(
     gymnasium = import_gymnasium()
     register_environments()
     robot = load_robot(config.robot)
-    own = f"{robot.name}-{method_name(config).replace('_', '-')}-v0"
+    own = f"{robot.name}-{config.method.name.replace('_', '-')}-v0"
     name = name or own.replace(".", "-")  # a robot's name may have a dot, a dataset's may not
     if not NAME.fullmatch(name):
         raise ValueError(
@@ -121,7 +121,7 @@ def export_minari(
                 env=environment,
                 eval_env=environment,
                 action_space=gymnasium.spaces.Box(-np.inf, np.inf, (12,), np.float32),
-                algorithm_name=method_name(config),
+                algorithm_name=config.method.name,
                 author="The surefoot developers",
                 author_email="none",
                 code_permalink=f"surefoot {surefoot.__version__}",

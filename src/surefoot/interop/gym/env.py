@@ -23,13 +23,12 @@ from surefoot.config.json_io import Plain, from_json
 from surefoot.errors import unknown
 from surefoot.interop.gym.task import (
     MOST_SEEN,
-    OBSERVATION_SHAPE,
     Decided,
     Walkers,
     WalkingTask,
     walking_config,
 )
-from surefoot.learning.observation import Float32Array
+from surefoot.learning.observation import INPUT_SIZE, Float32Array
 from surefoot.types import Array, BoolArray
 
 Info = dict[str, Any]
@@ -38,7 +37,7 @@ Info = dict[str, Any]
 
 def _observation_space() -> gymnasium.spaces.Box:
     """The observations of one robot."""
-    return gymnasium.spaces.Box(-MOST_SEEN, MOST_SEEN, OBSERVATION_SHAPE, np.float32)
+    return gymnasium.spaces.Box(-MOST_SEEN, MOST_SEEN, (INPUT_SIZE,), np.float32)
 
 
 def _action_space() -> gymnasium.spaces.Box:

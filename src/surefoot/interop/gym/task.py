@@ -21,7 +21,7 @@ import numpy as np
 
 from surefoot.config import Config, RobotConfig
 from surefoot.config.checked import Checked, Duration, Within
-from surefoot.learning.observation import INPUT_SIZE, Float32Array, network_input, state_spec
+from surefoot.learning.observation import Float32Array, network_input, state_spec
 from surefoot.learning.policy import PolicySpec, pd, policy_spec, target_of
 from surefoot.mpc.expert import make_expert
 from surefoot.mpc.gaits import only_gait
@@ -29,7 +29,7 @@ from surefoot.robots.load import find_spec, load_robot
 from surefoot.robots.model import standing, stop_speeding
 from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.compiled import clip_torque
-from surefoot.rollouts.outcome import fallen
+from surefoot.rollouts.outcome import Falls
 from surefoot.rotations import heading_velocity
 from surefoot.scenarios.gains import with_measured_gain
 from surefoot.scenarios.starts import Starts, at_rest, starts_of
@@ -147,6 +147,7 @@ class Walkers:
 
     Attributes:
         robot: The robot.
+        task: The task.
         batch: The number of robots B.
         command: ``(B, 3)`` vx, vy [m/s], yaw rate [rad/s].
         tick: ``(B,)`` gait clock [ms].
@@ -172,14 +173,12 @@ class Walkers:
         self._config = config
         self._spec = task_spec(config)
         self._period = to_ticks(config.gait.period)
-        self._grace = to_ticks(config.safety.grace)
-        self._most_lying = to_ticks(config.safety.body_contact)
         self._skip = TICKS_PER_SECOND // task.rate
         self._end = -(-to_ticks(task.duration) // self._skip) * self._skip
         self._stored = None if task.begin == "standing" else starts_of(config)[task.begin]
         self._simulator = make_simulator(self.robot, batch, config.simulation)
         self._elapsed = np.zeros(batch, np.int64)
-        self._lying = np.zeros(batch, np.int64)
+        self._falls = Falls(config.safety, batch)
         self._expert = make_expert(self.robot, config) if task.expert else None
         self._expert_target = np.zeros((batch, 12))
         if self._expert is not None:
@@ -202,7 +201,7 @@ class Walkers:
             self.command[row] = start.command[0]
         self._simulator.reset(q, v, rows)
         self._elapsed[rows] = 0
-        self._lying[rows] = 0
+        self._falls.reset(rows)
         if self._expert is not None:
             self._expert.forget(rows)
             self._ask(self._simulator.state, rows)
@@ -280,12 +279,8 @@ class Walkers:
 
     def _lost(self, state: State) -> BoolArray:
         """``(B,)`` True where a robot has fallen, as the engine judges it."""
-        safety = self._config.safety
-        lost = fallen(state, safety)
-        if self._most_lying:
-            self._lying = np.where(self._simulator.body_contact, self._lying + 1, 0)
-            lost |= self._lying >= self._most_lying
-        return (lost & (self._elapsed >= self._grace)) | self._simulator.blown_up
+        lost = self._falls.judge(state, self._simulator.body_contact, self._elapsed)
+        return lost | self._simulator.blown_up
 
     def _ask(self, state: State, rows: BoolArray) -> None:
         """Ask the expert about some robots; it plans on its grid, as it does for DAGGER."""
@@ -328,7 +323,3 @@ def reward_rate(task: WalkingTask, velocity: Array, command: Array, effort: Arra
     reward = task.tracking * np.exp(-(error[:, :2] ** 2).sum(axis=1) / task.velocity_scale**2)
     reward += task.turning * np.exp(-((error[:, 2] / task.yaw_rate_scale) ** 2))
     return reward + task.alive - task.effort * effort
-
-
-OBSERVATION_SHAPE = (INPUT_SIZE,)
-"""The shape of one robot's observation."""

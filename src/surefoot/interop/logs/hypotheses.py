@@ -45,10 +45,12 @@ FACTORS = np.arange(-3.5, 3.6, 0.5)
 
 Terms = tuple[str, ...]
 """Fields of a log that a hypothesis changes together."""
+BOTH_JOINT_TERMS: Terms = ("joint_position", "joint_velocity")
+"""Joints that a driver takes for others, or counts the other way, differ in both."""
 JOINT_TERMS: tuple[Terms, ...] = (
     ("joint_position",),
     ("joint_velocity",),
-    ("joint_position", "joint_velocity"),
+    BOTH_JOINT_TERMS,
     ("joint_target",),
 )
 TERMS: tuple[Terms, ...] = (
@@ -65,7 +67,7 @@ class Hypothesis(NamedTuple):
     """One thing that may be wrong.
 
     Attributes:
-        terms: The fields of the log that would be wrong.
+        terms: The fields of the log that would be wrong; `phase` for its gait clock.
         kind: As in `differences.Explanation`.
         text: What would be wrong, in words.
         change: Changes a log as the hypothesis says.
@@ -88,6 +90,15 @@ def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
     Args:
         log: The log; terms that it lacks cannot be wrong.
     """
+    yield from _signs_and_orders(log)
+    yield from _delays(log)
+    yield from _frames(log)
+    yield from _orientations(log)
+    yield from _clocks(log)
+
+
+def _signs_and_orders(log: SensorLog) -> Iterator[Hypothesis]:
+    """Other signs of each term, and other orders of the joints."""
     for terms in _present(log):
         columns = np.reshape(getattr(log, terms[0]), (len(log), -1)).shape[1]
         for which, places in _places(terms, columns):
@@ -97,34 +108,50 @@ def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
             for text, order in _orders():
                 text = f"its order differs: {text}"
                 yield Hypothesis(terms, "order", text, _reordered(terms, order))
-    if log.joint_target is not None:
-        for rows in (1, 2, 3):
-            early = log.joint_target[np.minimum(np.arange(len(log)) + rows, len(log) - 1)]
-            text = f"it comes {rows} rows later"
-            yield Hypothesis(("joint_target",), "time", text, _with("joint_target", early))
+
+
+def _delays(log: SensorLog) -> Iterator[Hypothesis]:
+    """Joint targets that come some rows later."""
+    if log.joint_target is None:
+        return
+    for rows in (1, 2, 3):
+        early = log.joint_target[np.minimum(np.arange(len(log)) + rows, len(log) - 1)]
+        text = f"it comes {rows} rows later"
+        yield Hypothesis(("joint_target",), "time", text, _with("joint_target", early))
+
+
+def _frames(log: SensorLog) -> Iterator[Hypothesis]:
+    """Velocities of the base in another frame."""
     turn = rotation(log.orientation)
     for term in ("angular_velocity", "linear_velocity"):
         values = getattr(log, term)
-        if values is not None:
-            for matrix, text in (
-                (turn, "it is in the world frame instead of the base frame"),
-                (np.swapaxes(turn, -1, -2), "it is turned to the base frame twice"),
-            ):
-                turned = (matrix @ values[..., None])[..., 0]
-                yield Hypothesis((term,), "frame", text, _with(term, turned))
+        if values is None:
+            continue
+        for matrix, text in (
+            (turn, "it is in the world frame instead of the base frame"),
+            (np.swapaxes(turn, -1, -2), "it is turned to the base frame twice"),
+        ):
+            turned = (matrix @ values[..., None])[..., 0]
+            yield Hypothesis((term,), "frame", text, _with(term, turned))
+
+
+def _orientations(log: SensorLog) -> Iterator[Hypothesis]:
+    """Quaternions in another order, of the inverse rotation, or with other signs."""
     quat = log.orientation
     for kind, text, changed in (
         ("order", "w comes first instead of last", quat[:, [3, 0, 1, 2]]),
         ("order", "w is taken to come first", quat[:, [1, 2, 3, 0]]),
         ("frame", "it is that of the world in the base frame", quat * (-1.0, -1.0, -1.0, 1.0)),
-        ("sign", "the sign of x differs", quat * (-1.0, 1.0, 1.0, 1.0)),
-        ("sign", "the sign of y differs", quat * (1.0, -1.0, 1.0, 1.0)),
-        ("sign", "the sign of z differs", quat * (1.0, 1.0, -1.0, 1.0)),
-        ("sign", "the sign of x and y differs", quat * (-1.0, -1.0, 1.0, 1.0)),
-        ("sign", "the sign of x and z differs", quat * (-1.0, 1.0, -1.0, 1.0)),
-        ("sign", "the sign of y and z differs", quat * (1.0, -1.0, -1.0, 1.0)),
     ):
         yield Hypothesis(("orientation",), kind, text, _with("orientation", changed))
+    for axes in ("x", "y", "z", "xy", "xz", "yz"):
+        text = f"the sign of {' and '.join(axes)} differs"
+        signs = [-1.0 if axis in axes else 1.0 for axis in "xyzw"]
+        yield Hypothesis(("orientation",), "sign", text, _with("orientation", quat * signs))
+
+
+def _clocks(log: SensorLog) -> Iterator[Hypothesis]:
+    """Gait clocks at another rate."""
     first = int(log.tick[0])
     for factor in (2, 4, 5, 10):
         for text, tick in (

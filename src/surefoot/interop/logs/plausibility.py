@@ -15,7 +15,7 @@ import numpy as np
 from surefoot.deploy.description import PolicyDescription, start_limits
 from surefoot.deploy.kinematics import feet_and_com
 from surefoot.interop.logs.differences import DEGREES, explain
-from surefoot.interop.logs.hypotheses import JOINT_TERMS, hypotheses, scaled
+from surefoot.interop.logs.hypotheses import BOTH_JOINT_TERMS, hypotheses, scaled
 from surefoot.interop.logs.replay import Finding
 from surefoot.interop.logs.sensor_log import AXES, SensorLog
 from surefoot.rotations import rotation
@@ -48,10 +48,9 @@ def explain_posture(log: SensorLog, description: PolicyDescription) -> list[Find
     misfit = _misfit(log, description)
     if misfit is None:
         return []
-    both = JOINT_TERMS[2]
     nominal = np.array(description.nominal)
-    tried = [each for each in hypotheses(log) if each.terms == both]
-    tried += [scaled(both, factor) for factor in (DEGREES, 1.0 / DEGREES)]
+    tried = [each for each in hypotheses(log) if each.terms == BOTH_JOINT_TERMS]
+    tried += [scaled(BOTH_JOINT_TERMS, factor) for factor in (DEGREES, 1.0 / DEGREES)]
     fitting = []
     for each in tried:
         changed = each.change(log)

@@ -13,7 +13,7 @@ import numpy as np
 from tqdm import tqdm
 
 from surefoot.deploy.description import PolicyDescription
-from surefoot.deploy.interfaces import BaseEstimate, Sensors
+from surefoot.deploy.interfaces import NO_VALUES, BaseEstimate, Sensors
 from surefoot.deploy.policy import BASE_PARTS, OnnxPolicy, state_of_base
 from surefoot.interop.logs.differences import Numbers
 from surefoot.interop.logs.sensor_log import SensorLog, remembered
@@ -25,7 +25,8 @@ from surefoot.types import Array, Command, GaitCommand, State
 Network = Callable[[Float32Array], Float32Array]
 """A network, ``(n, inputs)`` to ``(n, 12)`` joint targets [rad]."""
 
-NO_VALUES = np.zeros(12)
+MOST_ROWS = 200
+"""Number of rows on which hypotheses are tried: a few rows settle it."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,6 @@ class Finding:
     term: str
     kind: str
     text: str
-
-
-MOST_ROWS = 200
-"""Number of rows on which hypotheses are tried: a few rows settle it."""
 
 
 class Window(NamedTuple):

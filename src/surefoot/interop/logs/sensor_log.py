@@ -183,14 +183,12 @@ def sensor_log_of_flight(flight: Flight) -> SensorLog:
         flight: The last seconds of a robot.
 
     Raises:
-        ValueError: The policy did not drive, or its gait clock was not kept.
+        ValueError: The policy did not drive.
     """
     driven = (flight.mode == DRIVE) & ~flight.expert_drove
     driven &= np.isfinite(flight.position).all(axis=1)
     if not driven.any():
         raise ValueError("it is a flight in which no policy drove; keep one in which it walked")
-    if len(flight.gait_tick) == 0:
-        raise ValueError("it is a flight of an earlier version, without the gait clock")
     stretches = np.flatnonzero(np.diff(driven, prepend=False, append=False)).reshape(-1, 2)
     first, end = stretches[np.diff(stretches, axis=1).argmax()].tolist()
     rows = slice(first, end)

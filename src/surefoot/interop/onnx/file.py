@@ -118,11 +118,7 @@ def describe(
         kind=kind,
         robot=robot.name,
         joints=JOINTS,
-        source_joints=tuple(
-            pattern.replace("{leg}", leg)
-            for leg in robot.spec.legs
-            for pattern in robot.spec.joints
-        ),
+        source_joints=robot.spec.source_joints,
         rate_hz=TICKS_PER_SECOND,
         kp=(policy.spec.kp,) * len(JOINTS),
         kd=(policy.spec.kd,) * len(JOINTS),

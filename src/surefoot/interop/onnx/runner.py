@@ -11,11 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.deploy.export_file import ExportFile, open_session
+from surefoot.deploy.export_file import ExportFile
 from surefoot.deploy.interfaces import Sensors
 from surefoot.interop.onnx.file import INPUT
 from surefoot.interop.onnx.pipeline import MEMORY_IN, MEMORY_OUT, input_names, output_name
 from surefoot.learning.observation import Float32Array
+from surefoot.learning.onnx_graph import open_session
 from surefoot.types import Array, Command
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 from surefoot.study.report.numbers import Number, difference, share, total
 from surefoot.study.report.panels import Group, Panel, Quantity, ReportFigure, RunPoint, percent
-from surefoot.study.report.source import StageSource, collections, grouped, titled, trained_curves
+from surefoot.study.report.source import StageSource, collections, grouped, panel
 from surefoot.study.results import CellResult, StudyResults
 from surefoot.study.run_values import MONITORED
 
@@ -81,13 +81,13 @@ def _rows(
     """A row of panels for each setting."""
     return tuple(
         tuple(
-            Panel(
-                titled(results, setting.name, quantity.title),
+            panel(
+                results,
+                setting.name,
+                quantity.title,
                 quantity,
-                trained_curves(
-                    results, setting.name, lambda cells, value=value: _by_iteration(cells, value)
-                ),
-                limit=limit,
+                lambda cells, value=value: _by_iteration(cells, value),
+                limit,
             )
             for quantity, value, limit in columns
         )
@@ -97,15 +97,15 @@ def _rows(
 
 def _by_iteration(cells: Sequence[CellResult], value: ValueOf) -> tuple[Group, ...]:
     """All runs at each iteration after the pre-training."""
-    places: dict[str, list[RunPoint]] = {}
+    places: dict[int, list[RunPoint]] = {}
     for cell in cells:
         for stage, record in collections(cell):
             if record.iteration > 0:
                 point = RunPoint(
                     cell.cell.seed, stage.number("iteration"), value(stage, cell.config.method.name)
                 )
-                places.setdefault(f"iteration {record.iteration}", []).append(point)
-    return grouped(dict(sorted(places.items(), key=lambda item: item[1][0].x.value)))
+                places.setdefault(record.iteration, []).append(point)
+    return grouped({f"iteration {number}": places[number] for number in sorted(places)})
 
 
 def paper_failures(stage: StageSource, method: str) -> Number:

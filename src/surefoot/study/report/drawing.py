@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure, grid
-from surefoot.viz.plots import PALETTE, STYLE, plain_text
+from surefoot.viz.plots import PALETTE, STYLE, face_forward, plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -325,13 +325,7 @@ def _draw_technique(axes: Axes, panel: Panel, place: int, curve: Curve) -> None:
 
 def _draw_directions(axes: PolarAxes, panel: Panel) -> None:
     """Pushes by direction, seen from above: forward is up, left is left."""
-    from matplotlib.ticker import MaxNLocator
-
-    axes.set_theta_zero_location("N")
-    axes.set_thetagrids([0, 90, 180, 270], ["forward", "left", "back", "right"])
-    axes.set_rlabel_position(-22.5)
-    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
-    axes.grid(visible=True)
+    face_forward(axes)
     scale = panel.quantity.scale
     curves = [*panel.curves, *([] if panel.reference is None else [panel.reference])]
     for curve in curves:

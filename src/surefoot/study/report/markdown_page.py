@@ -8,22 +8,22 @@ were planned before the study ran.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from surefoot.config.study import EXPERT
 from surefoot.runs.budget import SECONDS_PER_SOLVE
 from surefoot.study.cells import cells_of
 from surefoot.study.folder import JudgedPrediction
-from surefoot.study.paper_claims import text_of_claims
+from surefoot.study.markdown_text import markdown, page_with
 from surefoot.study.report.numbers import Estimate, Number
 from surefoot.study.report.panels import Curve, Group, Panel, ReportFigure
 from surefoot.study.report.performance import BEST_ERRORS, BEST_FIGURE
 from surefoot.study.report.study_page import StudyReport
 from surefoot.study.report.tables import mean_costs
-from surefoot.study.report.verdicts import UNJUDGED, Verdict
+from surefoot.study.report.verdicts import UNJUDGED, JudgedSentence
 from surefoot.study.results import CellResult, StudyResults
 from surefoot.study.run_values import is_trained
-from surefoot.study.tables import markdown, page_with
 
 UNMEASURED = "–"
 """Shown in a table where nothing was measured."""
@@ -43,14 +43,26 @@ def page_of_tables(results: StudyResults, report: StudyReport, path: Path) -> st
         ValueError: The page has no such part.
     """
     if results.study.claims == "paper":
-        parts = [text_of_claims(results)]
+        parts = [_about_claims(results), _verdict_table("claim", report.verdicts.claims, "section")]
     else:
         parts = [_about(results, report), *_settings(results, report)]
     if report.predictions:
         parts.append(_predictions(report.predictions))
     if report.verdicts.comparisons:
-        parts.append(_comparisons(report.verdicts.comparisons))
+        planned = "planned before the study ran"
+        parts.append("### Planned comparisons")
+        parts.append(_verdict_table(planned, report.verdicts.comparisons, "setting"))
     return page_with("\n\n".join(parts), path, results.study.name)
+
+
+def _about_claims(results: StudyResults) -> str:
+    """How many runs the claims are judged by."""
+    trained = sum(is_trained(cell) for cell in results.cells)
+    seeds = ", ".join(str(seed) for seed in results.study.seeds)
+    commit = results.setup.commit
+    made_by = f" of commit {commit[:12]}" if commit else ""
+    runs = "run" if trained == 1 else "runs"
+    return f"{trained} finished {runs}{made_by}, seeds {seeds}; 95 % intervals over runs."
 
 
 def _about(results: StudyResults, report: StudyReport) -> str:
@@ -168,13 +180,18 @@ def _predictions(predictions: tuple[JudgedPrediction, ...]) -> str:
     return f"### What was predicted\n\n{markdown(head, lines)}"
 
 
-def _comparisons(comparisons: tuple[Verdict, ...]) -> str:
-    """The planned comparisons with their verdicts."""
-    are_placed = any(each.section for each in comparisons)
+def _verdict_table(first: str, verdicts: Sequence[JudgedSentence], where: str) -> str:
+    """A table of verdicts.
+
+    Args:
+        first: Title of the first column, that of the sentences.
+        verdicts: The verdicts.
+        where: Title of the column of sections, which is there if any verdict has one.
+    """
+    are_placed = any(each.section for each in verdicts)
     lines = []
-    for each in comparisons:
+    for each in verdicts:
         place = [each.section] if are_placed else []
         lines.append((each.text, *place, f"**{each.verdict}**", each.number, each.reason))
-    place = ["setting"] if are_placed else []
-    head = ("planned before the study ran", *place, "verdict", "measured", "why")
-    return f"### Planned comparisons\n\n{markdown(head, lines)}"
+    place = [where] if are_placed else []
+    return markdown((first, *place, "verdict", "measured", "why"), lines)

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -70,11 +70,6 @@ def stored(value: float | None, file: str, *keys: str | int) -> Number:
     """
     pointer = "".join(f"/{key}" for key in keys)
     return Number(math.nan if value is None else float(value), f"{file}#{pointer}")
-
-
-def stored_share(value: float | None, file: str, *keys: str | int) -> Number:
-    """A stored share of something other than trials; the arguments are those of `stored`."""
-    return replace(stored(value, file, *keys), trials=0)
 
 
 def share(part: Number, whole: Number) -> Number:

@@ -20,15 +20,7 @@ from surefoot.study.report.panels import (
     grid,
     percent,
 )
-from surefoot.study.report.source import (
-    TestSource,
-    best_test,
-    expert_curve,
-    grouped,
-    tests,
-    titled,
-    trained_curves,
-)
+from surefoot.study.report.source import GroupsOf, TestSource, best_test, grouped, panel, tests
 from surefoot.study.results import CellResult, StudyResults
 
 SUCCESS = percent("success")
@@ -123,17 +115,16 @@ def _error_figure(results: StudyResults, measurement: Measurement) -> ReportFigu
         for field, way in WAYS:
             row = []
             for component, quantity in enumerate(ERRORS):
-                panel = _by_size(
-                    results,
-                    setting.name,
-                    measurement,
-                    quantity,
-                    lambda test, field=field, component=component: test.robustness(
-                        field, component
-                    ),
-                    f"{quantity.title}, {way}",
+                row.append(
+                    _by_size(
+                        results,
+                        setting.name,
+                        measurement,
+                        quantity,
+                        lambda test, f=field, c=component: test.robustness(f, c),
+                        f"{quantity.title}, {way}",
+                    )
                 )
-                row.append(panel)
             rows.append(tuple(row))
     return ReportFigure(
         f"4-tracking-{measurement.name}",
@@ -158,30 +149,20 @@ def _by_size(
     """A panel of all policies against the size of their data."""
 
     def policies(cells: Sequence[CellResult]) -> tuple[Group, ...]:
-        places: dict[str, list[RunPoint]] = {}
+        places: dict[int, list[RunPoint]] = {}
         for cell in cells:
             for test in tests(cell, measurement.name):
                 point = RunPoint(cell.cell.seed, test.frames, value(test))
-                places.setdefault(f"policy {test.test.iteration}", []).append(point)
-        return grouped(dict(sorted(places.items(), key=lambda item: int(item[0].split()[1]))))
+                places.setdefault(test.test.iteration, []).append(point)
+        return grouped({f"policy {number}": places[number] for number in sorted(places)})
 
-    return Panel(
-        titled(results, setting, title),
-        quantity,
-        trained_curves(results, setting, policies),
-        expert_curve(results, setting, policies),
-    )
+    return panel(results, setting, title, quantity, policies)
 
 
 def _push_figure(results: StudyResults, measurement: Measurement) -> ReportFigure:
     """The paper's fifth figure: the largest impulse by direction."""
     panels = [
-        Panel(
-            titled(results, setting.name, quantity.title),
-            quantity,
-            trained_curves(results, setting.name, _by_direction(measurement, field)),
-            expert_curve(results, setting.name, _by_direction(measurement, field)),
-        )
+        panel(results, setting.name, quantity.title, quantity, _by_direction(measurement, field))
         for setting in results.study.settings
         for field, quantity in IMPULSES
     ]
@@ -197,9 +178,7 @@ def _push_figure(results: StudyResults, measurement: Measurement) -> ReportFigur
     )
 
 
-def _by_direction(
-    measurement: Measurement, field: str
-) -> Callable[[Sequence[CellResult]], tuple[Group, ...]]:
+def _by_direction(measurement: Measurement, field: str) -> GroupsOf:
     """Makes a group of runs for each direction of the push."""
 
     def directions(cells: Sequence[CellResult]) -> tuple[Group, ...]:
@@ -327,9 +306,4 @@ def _by_technique(
                 points.append(RunPoint(cell.cell.seed, test.frames, value(test)))
         return grouped({"best policy": points})
 
-    return Panel(
-        titled(results, setting, title or quantity.title),
-        quantity,
-        trained_curves(results, setting, best),
-        expert_curve(results, setting, best),
-    )
+    return panel(results, setting, title or quantity.title, quantity, best)

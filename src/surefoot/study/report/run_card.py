@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from surefoot.config import Config
-from surefoot.config.json_io import changes, from_json, read_json
+from surefoot.config.json_io import changes, read_record
 from surefoot.config.presets import preset
 from surefoot.files import sha256_of
 from surefoot.robots.scaling import with_own_values
@@ -20,8 +20,7 @@ from surefoot.robots.several_gaits import for_each_gait
 from surefoot.runs.episode_ids import EpisodeId
 from surefoot.runs.layout import ATTEMPTS_FILE, KEPT_POLICY_FILE
 from surefoot.runs.metrics import Collected, StageRecord, Validated, best_iteration
-from surefoot.runs.run import open_run
-from surefoot.runs.setup import read_setup
+from surefoot.runs.run import Run, open_run
 from surefoot.study.folder import Tests
 from surefoot.study.layout import TESTS_FOLDER
 from surefoot.study.report.collecting import (
@@ -105,20 +104,20 @@ def run_card(folder: Path) -> RunCard:
 
     Raises:
         RunError: There is no run, or one of its files cannot be read.
-        ValueError: A measurement cannot be read.
+        ValueError: A measurement cannot be read; the message names its file.
     """
     run = open_run(folder)
     metrics = tuple(run.metrics)
     best = best_iteration(metrics)
-    policy = _policy_of(folder, best)
+    policy = _policy_of(run, best)
     is_field_run = (folder / ATTEMPTS_FILE).exists()
     measured = sorted(folder.glob(f"{TESTS_FOLDER}/*.json"))
-    tests = tuple(from_json(Tests, read_json(path)) for path in measured)
+    tests = tuple(read_record(path, Tests) for path in measured)
     return RunCard(
         folder=folder,
         method=run.method,
         config=run.config,
-        versions=read_setup(folder).versions,
+        versions=run.setup.versions,
         best_iteration=best,
         is_field_run=is_field_run,
         metrics=metrics,
@@ -146,13 +145,13 @@ def option_changes(config: Config) -> list[tuple[str, object, object]]:
     return list(changes(config, for_each_gait(with_own_values, paper)))
 
 
-def _policy_of(folder: Path, best: int | None) -> Path | None:
+def _policy_of(run: Run, best: int | None) -> Path | None:
     """File of the best policy, in a run's folder or among the results of a study."""
-    kept = folder / KEPT_POLICY_FILE
+    kept = run.folder / KEPT_POLICY_FILE
     if kept.is_file():
         return kept
     if best is not None:
-        path = open_run(folder).policy_path(best)
+        path = run.policy_path(best)
         return path if path.is_file() else None
     return None
 

@@ -8,9 +8,8 @@ from surefoot.config import BehaviorCloningConfig, CommandBox, Config, Disturban
 from surefoot.config.json_io import changes
 from surefoot.config.methods import IterativeConfig
 from surefoot.config.scenarios import acting
+from surefoot.config.sim import SIMULATOR_NAMES
 
-SIMULATORS = {"mujoco": "MuJoCo", "bullet": "PyBullet"}
-"""The simulators as their authors write them."""
 SEEN = {
     "full": "the full state",
     "full_history": "the full state, with a history of it",
@@ -48,7 +47,7 @@ def _where(config: Config, is_field_run: bool) -> str:
     """Where the data was collected."""
     terrain = config.simulation.terrain
     ground = "level ground" if terrain is None else f"the terrain {terrain}"
-    simulated = f"in {SIMULATORS[config.simulation.backend]}, on {ground}"
+    simulated = f"in {SIMULATOR_NAMES[config.simulation.backend]}, on {ground}"
     if is_field_run:
         return (
             f"The data of the pre-training was collected {simulated}; that of the iterations on a "

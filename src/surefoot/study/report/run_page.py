@@ -10,6 +10,7 @@ from pathlib import Path
 from surefoot.config import BehaviorCloningConfig
 from surefoot.config.gait_table import gait_names
 from surefoot.config.json_io import to_json
+from surefoot.config.sim import SIMULATOR_NAMES
 from surefoot.files import write_atomic
 from surefoot.learning.policy import Policy, load, policy_spec
 from surefoot.robots.load import load_robot
@@ -36,7 +37,7 @@ from surefoot.study.report.panels import Quantity
 from surefoot.study.report.performance import ERRORS, SUCCESS
 from surefoot.study.report.pictures import draw_all
 from surefoot.study.report.run_card import RunCard, option_changes
-from surefoot.study.report.run_limits import SIMULATORS, limitations
+from surefoot.study.report.run_limits import limitations
 from surefoot.study.report.source import StageSource, TestSource, stages
 from surefoot.study.report.style import document
 from surefoot.study.report.tables import MINUTES
@@ -183,7 +184,7 @@ def _training(card: RunCard) -> list[Markup]:
         "minutes",
     )
     first = next((record for record in card.metrics if isinstance(record, Collected)), None)
-    pairs = [("simulator", escaped(SIMULATORS[card.config.simulation.backend]))]
+    pairs = [("simulator", escaped(SIMULATOR_NAMES[card.config.simulation.backend]))]
     if first is not None:
         pairs.append(("expert", code(first.expert)))
         pairs.append(("initial states, SHA-256", code(first.starts_hash)))

@@ -1,7 +1,7 @@
 """The results of a study as numbers with their places in its files.
 
-`StageSource` and `TestSource` pair a record with its place in a file; `trained_curves` and
-`expert_curve` give the curves of a panel. `collecting` and `performance` use them.
+`StageSource` and `TestSource` pair a record with its place in a file; `panel` shows a number of all
+techniques. `collecting` and `performance` use them.
 """
 
 from __future__ import annotations
@@ -10,14 +10,17 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from surefoot.config.study import EXPERT, Technique
+from surefoot.config.study import EXPERT
 from surefoot.runs.layout import METRICS_FILE
 from surefoot.runs.metrics import Collected, StageRecord
 from surefoot.study.folder import PolicyTest
 from surefoot.study.layout import TESTS_FOLDER
-from surefoot.study.report.numbers import Number, stored, stored_share
-from surefoot.study.report.panels import Curve, Group, RunPoint, group_of
+from surefoot.study.report.numbers import Number, stored
+from surefoot.study.report.panels import Curve, Group, Panel, Quantity, RunPoint, group_of
 from surefoot.study.results import CellResult, StudyResults
+
+GroupsOf = Callable[[Sequence[CellResult]], Sequence[Group]]
+"""Returns what to show of a technique's runs: a group for each place."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class StageSource:
 
     def share(self, field: str) -> Number:
         """The number in a field that is a share of time; unknown without any rollout."""
-        shown = stored_share(vars(self.record)[field], self.file, self.line, field)
+        shown = replace(self.number(field), trials=0)
         is_known = self.number("episodes").value > 0
         return shown if is_known else replace(shown, value=math.nan)
 
@@ -121,28 +124,50 @@ def tests(cell: CellResult, measurement: str) -> tuple[TestSource, ...]:
 def best_test(cell: CellResult, measurement: str) -> TestSource | None:
     """A measurement's results for the best policy of a cell, or for the expert."""
     wanted = cell.best_test(measurement)
-    for source in tests(cell, measurement):
-        if wanted is not None and source.test.iteration == wanted.iteration:
-            return source
-    return None
+    return next((each for each in tests(cell, measurement) if each.test is wanted), None)
 
 
-def techniques_shown(results: StudyResults) -> Iterator[tuple[int, Technique]]:
-    """The techniques that are trained, each with the number of its color and marker."""
-    trained = [each for each in results.study.techniques if each.method != EXPERT]
-    yield from enumerate(trained)
+def grouped(places: Mapping[str, Sequence[RunPoint]]) -> tuple[Group, ...]:
+    """The groups of places that have runs, by the name of the place."""
+    return tuple(group_of(label, points) for label, points in places.items() if points)
 
 
-def expert_curve(
-    results: StudyResults, setting: str, groups: Callable[[Sequence[CellResult]], Sequence[Group]]
-) -> Curve | None:
-    """The expert of a setting as a curve; None if it has nothing to show.
+def panel(
+    results: StudyResults,
+    setting: str,
+    title: str,
+    quantity: Quantity,
+    groups: GroupsOf,
+    limit: float | None = None,
+) -> Panel:
+    """A panel with every technique that has something to show, and the expert if it has.
 
     Args:
         results: The results.
-        setting: Name of the setting.
-        groups: What to show of the expert's cell: a group for each place.
+        setting: Name of the setting, which the title begins with if there are several.
+        title: What the panel shows; empty where the figure's title is enough.
+        quantity: What its numbers are.
+        groups: What to show of a technique's runs.
+        limit: A value that the paper's text names; None without one.
     """
+    trained = _trained_curves(results, setting, groups)
+    expert = _expert_curve(results, setting, groups)
+    return Panel(_titled(results, setting, title), quantity, trained, expert, limit)
+
+
+def _trained_curves(results: StudyResults, setting: str, groups: GroupsOf) -> tuple[Curve, ...]:
+    """The curves of the techniques that have something to show, in the study's order."""
+    trained = [each for each in results.study.techniques if each.method != EXPERT]
+    curves = []
+    for number, technique in enumerate(trained):  # the number selects its color and marker
+        shown = tuple(groups(results.of(technique.name, setting)))
+        if shown:
+            curves.append(Curve(technique.name, technique.title, number, shown))
+    return tuple(curves)
+
+
+def _expert_curve(results: StudyResults, setting: str, groups: GroupsOf) -> Curve | None:
+    """The expert of a setting as a curve; None if it has nothing to show."""
     for technique in results.study.techniques:
         if technique.method != EXPERT:
             continue
@@ -152,30 +177,7 @@ def expert_curve(
     return None
 
 
-def trained_curves(
-    results: StudyResults, setting: str, groups: Callable[[Sequence[CellResult]], Sequence[Group]]
-) -> tuple[Curve, ...]:
-    """The curves of the techniques that have something to show, in the study's order.
-
-    Args:
-        results: The results.
-        setting: Name of the setting.
-        groups: What to show of a technique's runs: a group for each place.
-    """
-    curves = []
-    for number, technique in techniques_shown(results):
-        shown = tuple(groups(results.of(technique.name, setting)))
-        if shown:
-            curves.append(Curve(technique.name, technique.title, number, shown))
-    return tuple(curves)
-
-
-def grouped(places: Mapping[str, Sequence[RunPoint]]) -> tuple[Group, ...]:
-    """The groups of places that have runs, by the name of the place."""
-    return tuple(group_of(label, points) for label, points in places.items() if points)
-
-
-def titled(results: StudyResults, setting: str, title: str = "") -> str:
+def _titled(results: StudyResults, setting: str, title: str) -> str:
     """Title of a panel: what it shows and its setting, if there are several."""
     if len(results.study.settings) == 1:
         return title

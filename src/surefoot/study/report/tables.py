@@ -254,15 +254,7 @@ def hash_table(results: StudyResults) -> Markup:
     for cell in results.cells:
         collected = [record for record in cell.metrics if isinstance(record, Collected)]
         data = collected[-1].dataset_hash if collected else ""
-        policy = next(
-            (
-                test.sha256
-                for name in cell.tests
-                for test in [cell.best_test(name)]
-                if test is not None and test.sha256 is not None
-            ),
-            "",
-        )
+        policy = _best_policy_hash(cell)
         rows.append((code(cell.cell.name), _hash(data), _hash(policy), _hash(_starts(cell))))
     head = ("run", "dataset", "best policy", "initial states")
     return table("SHA-256", head, rows)
@@ -271,6 +263,15 @@ def hash_table(results: StudyResults) -> Markup:
 def _hash(text: str) -> Markup:
     """A hash; a dash where there is none."""
     return code(text) if text else MISSING
+
+
+def _best_policy_hash(cell: CellResult) -> str:
+    """Hash of a cell's best policy; empty if nothing was measured of it."""
+    for name in cell.tests:
+        test = cell.best_test(name)
+        if test is not None and test.sha256 is not None:
+            return test.sha256
+    return ""
 
 
 def _starts(cell: CellResult) -> str:

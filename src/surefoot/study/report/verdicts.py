@@ -5,23 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from surefoot.study.claims import Claim
-from surefoot.study.comparisons import ComparisonOutcome, comparison_outcomes
+from surefoot.study.claims import Claim, Verdict
 from surefoot.study.folder import JudgedPrediction
 from surefoot.study.paper_claims import paper_claims
+from surefoot.study.planned_comparisons import ComparisonOutcome, comparison_outcomes
 from surefoot.study.report.markup import Markup, element, escaped, table
 from surefoot.study.results import StudyResults
 
-SIGNS = {"holds": "✓", "does not hold": "✗", "cannot tell": "?"}
+SIGNS: dict[Verdict, str] = {"holds": "✓", "does not hold": "✗", "cannot tell": "?"}
 """A sign for each verdict, which can be read without its color."""
 UNJUDGED = "not judged yet"
 """The verdict on a prediction that nobody has judged."""
-CLASSES = {"holds": "holds", "does not hold": "fails"}
+CLASSES: dict[Verdict, str] = {"holds": "holds", "does not hold": "fails"}
 """Classes of the verdicts in the page's style."""
 
 
 @dataclass(frozen=True)
-class Verdict:
+class JudgedSentence:
     """A judged claim or comparison, as in the report's JSON.
 
     Attributes:
@@ -34,7 +34,7 @@ class Verdict:
 
     text: str
     section: str
-    verdict: str
+    verdict: Verdict
     number: str
     reason: str
 
@@ -48,8 +48,8 @@ class Verdicts:
         comparisons: The comparisons that were planned before it ran.
     """
 
-    claims: tuple[Verdict, ...]
-    comparisons: tuple[Verdict, ...]
+    claims: tuple[JudgedSentence, ...]
+    comparisons: tuple[JudgedSentence, ...]
 
 
 def verdicts_of(results: StudyResults) -> Verdicts:
@@ -58,14 +58,15 @@ def verdicts_of(results: StudyResults) -> Verdicts:
     return Verdicts(_verdicts(claims), _verdicts(comparison_outcomes(results)))
 
 
-def _verdicts(judged: Sequence[Claim | ComparisonOutcome]) -> tuple[Verdict, ...]:
+def _verdicts(judged: Sequence[Claim | ComparisonOutcome]) -> tuple[JudgedSentence, ...]:
     """Judged claims or comparisons as records of the report."""
     return tuple(
-        Verdict(each.text, each.section, each.verdict, each.number, each.reason) for each in judged
+        JudgedSentence(each.text, each.section, each.verdict, each.number, each.reason)
+        for each in judged
     )
 
 
-def verdict_table(caption: str, verdicts: Sequence[Verdict], where: str) -> Markup:
+def verdict_table(caption: str, verdicts: Sequence[JudgedSentence], where: str) -> Markup:
     """A table of verdicts.
 
     Args:
@@ -105,7 +106,7 @@ def prediction_table(predictions: Sequence[JudgedPrediction]) -> Markup:
     return table(caption, head, rows)
 
 
-def _sign(verdict: str) -> Markup:
+def _sign(verdict: Verdict) -> Markup:
     """A verdict with its sign."""
-    text = escaped(f"{SIGNS.get(verdict, '')} {verdict}".strip())
+    text = escaped(f"{SIGNS[verdict]} {verdict}")
     return element("span", text, {"class": f"verdict {CLASSES.get(verdict, '')}".strip()})

@@ -13,8 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from surefoot.config.study import Measure, PlannedComparison
-from surefoot.evaluation.statistics import Interval
-from surefoot.study.cells import Cell, cells_of
 from surefoot.study.claims import (
     ABOVE_ZERO,
     BELOW_ZERO,
@@ -66,7 +64,6 @@ class ComparisonOutcome:
     """A planned comparison and its outcome.
 
     Attributes:
-        comparison: The comparison, as it was planned.
         text: The prediction as a sentence; without a prediction, that the techniques differ.
         section: The setting, where the study has several; empty otherwise.
         verdict: Whether the prediction came true.
@@ -79,7 +76,6 @@ class ComparisonOutcome:
         smallest_p: The smallest p-value that this number of runs can give; None without a test.
     """
 
-    comparison: PlannedComparison
     text: str
     section: str
     verdict: Verdict
@@ -89,11 +85,6 @@ class ComparisonOutcome:
     p: float | None
     adjusted_p: float | None
     smallest_p: float | None
-
-    @property
-    def interval(self) -> Interval | None:
-        """The 95 % interval of the difference over runs; None if there is none."""
-        return None if self.measured is None else self.measured.interval
 
 
 @dataclass(frozen=True)
@@ -142,17 +133,11 @@ def _sample(results: StudyResults, comparison: PlannedComparison, technique: str
     study = results.study
     cells = results.of(technique, comparison.setting)
     measure = study.measurement(comparison.measurement).measure
-    planned = {cell.seed for cell in _planned(results, technique)}
     return Sample(
         study.technique(technique).title,
         best_value(cells, comparison.measurement, measure),
-        len(planned),
+        len(study.seeds),
     )
-
-
-def _planned(results: StudyResults, technique: str) -> list[Cell]:
-    """The cells that the study plans for a technique."""
-    return [cell for cell in cells_of(results.study) if cell.technique == technique]
 
 
 def _outcome(
@@ -166,7 +151,6 @@ def _outcome(
     )
     several = len(study.settings) > 1
     outcome = ComparisonOutcome(
-        comparison=comparison,
         text=text,
         section=study.setting(comparison.setting).title if several else "",
         verdict="cannot tell",

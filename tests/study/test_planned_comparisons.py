@@ -7,7 +7,7 @@ import pytest
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.studies import paper_study
 from surefoot.config.study import PlannedComparison
-from surefoot.study.comparisons import (
+from surefoot.study.planned_comparisons import (
     ComparisonOutcome,
     comparison_outcomes,
     predicted_region,
