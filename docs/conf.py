@@ -89,7 +89,7 @@ nitpick_ignore_regex = [
     # The sections `Raises` name exceptions without their modules.
     ("py:exc", r"\w+"),
     # Type variables, and names of types that stand for longer ones.
-    ("py:class", r"surefoot\.runs\.run\.Record|surefoot\.config\.checked\.Value"),
+    ("py:class", r"surefoot\.runs\.run\.(Parameters|Record)|surefoot\.config\.checked\.Value"),
     ("py:class", r"Array|IntArray|NDArray|VelocityError|bool|int\d+|float\d+|str_|.*SeedSequence"),
     # The smallest and the largest value of a field of the configuration.
     ("py:class", r"-?[\d.]+(e[+-]?\d+)?"),
