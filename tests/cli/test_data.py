@@ -154,35 +154,6 @@ def test_a_log_is_not_imported_twice(surefoot, logs, tmp_path, capsys):
     assert Dataset(data).episodes == 2
 
 
-def test_an_import_and_an_export_tell_machines_what_they_wrote(
-    surefoot, logs, run_folder, tmp_path, capsys
-):
-    data = tmp_path / "data"
-    report = tmp_path / "report.json"
-    assert surefoot("import-data", logs[0], "--out", data) == 0
-    assert surefoot("import-data", *logs, "--out", data, "--json", report) == 0
-    sizes = [len(np.load(log)["tick"]) for log in logs]
-    assert read_json(report) == {
-        "folder": str(data),
-        "logs": [
-            {"log": str(logs[0]), "frames": sizes[0], "known": True},
-            {"log": str(logs[1]), "frames": sizes[1], "known": False},
-        ],
-        "episodes": 2,
-        "frames": sum(sizes),
-        "hash": Dataset(data).hash,
-    }
-    options = ("--lerobot", tmp_path / "lerobot", "--json", report)
-    assert surefoot("export-data", run_folder, *options) == 0
-    exported = read_json(report)
-    assert exported["minari"] is None
-    assert exported["lerobot"]["folder"] == str(tmp_path / "lerobot")
-    frames = exported["lerobot"]["frames"] + exported["lerobot"]["left_out"]
-    assert frames == open_run(run_folder).dataset.frames
-    assert surefoot("import-data", *logs, "--out", data, "--json", data / "report.json") == 2
-    assert "is kept for the dataset" in capsys.readouterr().err
-
-
 def test_another_log_of_the_same_name_is_refused(surefoot, logs, tmp_path, capsys):
     data = tmp_path / "data"
     assert surefoot("import-data", logs[0], "--out", data) == 0

@@ -8,24 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from surefoot.cli.outputs import Output, check_outputs
-from surefoot.files import write_json
-
 if TYPE_CHECKING:
     from surefoot.interop.datasets.segments import Exported
-
-
-@dataclass(frozen=True)
-class ExportDataReport:
-    """What an export has written.
-
-    Attributes:
-        minari: The Minari dataset; None if it was not asked for.
-        lerobot: The LeRobotDataset; None if it was not asked for.
-    """
-
-    minari: Exported | None
-    lerobot: Exported | None
 
 
 @dataclass(frozen=True)
@@ -34,9 +18,6 @@ class ExportData:
 
     Each stretch of consecutive milliseconds becomes an episode. A card, README.md, is written
     beside the data. Needs the extra exchange.
-
-    JSON keys: minari and lerobot, each null if it was not asked for, or else with folder; episodes
-    and frames (in it); left_out (frames of the run that are not in it).
     """
 
     run: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RUN")]
@@ -47,8 +28,6 @@ class ExportData:
     """The id of the Minari dataset; without it, ROBOT-METHOD-v0."""
     lerobot: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """The new folder for the LeRobotDataset."""
-    json: Path | None = None
-    """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
         """Write, and say what was written."""
@@ -60,20 +39,14 @@ class ExportData:
 
         if self.minari is None and self.lerobot is None:
             raise ValueError("export-data writes nothing without --minari FOLDER, --lerobot FOLDER")
-        check_outputs(self, [Output("--json", self.json)])
         run = open_run(self.run)
         recorded = ON_ROBOT if (run.folder / ATTEMPTS_FILE).exists() else SIMULATED
         if self.lerobot is not None:
             check_lerobot(self.lerobot)
-        minari = lerobot = None
         if self.minari is not None:
-            minari = export_minari(run.dataset, run.config, self.minari, self.name, recorded)
-            show(minari)
+            show(export_minari(run.dataset, run.config, self.minari, self.name, recorded))
         if self.lerobot is not None:
-            lerobot = export_lerobot(run.dataset, run.config, self.lerobot, recorded)
-            show(lerobot)
-        if self.json is not None:
-            write_json(self.json, ExportDataReport(minari, lerobot))
+            show(export_lerobot(run.dataset, run.config, self.lerobot, recorded))
         return 0
 
 

@@ -9,47 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from surefoot.cli.options import OnRobot
-from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config
-from surefoot.files import claim_file, write_json
+from surefoot.files import claim_file
 
 if TYPE_CHECKING:
     from surefoot.learning.dataset import Dataset
     from surefoot.learning.frames import Frames
-
-
-@dataclass(frozen=True)
-class ImportedLog:
-    """A log that a dataset has.
-
-    Attributes:
-        log: The log.
-        frames: The number of its frames.
-        known: Whether it had been imported before.
-    """
-
-    log: Path
-    frames: int
-    known: bool
-
-
-@dataclass(frozen=True)
-class ImportReport:
-    """What an import has made.
-
-    Attributes:
-        folder: The folder of the dataset.
-        logs: The logs that were named.
-        episodes: The number of episodes in the dataset, those of other logs included.
-        frames: The number of frames in it.
-        hash: Its hash.
-    """
-
-    folder: Path
-    logs: tuple[ImportedLog, ...]
-    episodes: int
-    frames: int
-    hash: str
 
 
 @dataclass(frozen=True)
@@ -60,9 +25,6 @@ class ImportData(OnRobot):
     q18, v0 to v17, torque0 to torque11, vx, vy, yaw_rate, tick), in the package's conventions. They
     are checked; each log becomes a shard, and more can be added later. After an interruption the
     same command imports what is missing.
-
-    JSON keys: folder; logs [list; log (the file), frames, known (whether it had been imported
-    before)]; episodes, frames and hash of the whole dataset.
     """
 
     logs: Annotated[
@@ -73,8 +35,6 @@ class ImportData(OnRobot):
     """The logs, each with another file name."""
     out: Path
     """The folder of the dataset, new or with one."""
-    json: Path | None = None
-    """Write the report to this file, as JSON."""
 
     def __call__(self) -> int:
         """Import the logs, and say how large the dataset is."""
@@ -88,7 +48,6 @@ class ImportData(OnRobot):
 
         if not self.logs:
             raise ValueError("import-data needs at least one log")
-        check_outputs(self, [Output("--json", self.json)], dataset=self.out)
         robot = load_robot(self.with_robot(Config()).robot)
         run = run_that_owns(self.out / "shard")
         if run is not None:
@@ -121,20 +80,12 @@ class ImportData(OnRobot):
             name = log.stem
             if name in before and not data.holds(name, frames_of(log, first_episode(data, name))):
                 raise ValueError(f"{log}: {self.out} has other frames of this name; rename the log")
-        imported = []
         for log in tqdm(self.logs, "import", leave=False, unit="log"):
             frames = frames_of(log, first_episode(data, log.stem))
             data.append(log.stem, frames)  # writes a shard anew whose file has been lost
-            imported.append(ImportedLog(log, len(frames), log.stem in before))
             known = ", imported already" if log.stem in before else ""
             tqdm.write(f"{log}: {len(frames)} frames{known}")
-        report = ImportReport(self.out, tuple(imported), data.episodes, data.frames, data.hash)
-        if self.json is not None:
-            write_json(self.json, report)
-        print(
-            f"{report.folder}: {report.episodes} episodes, {report.frames} frames, "
-            f"hash {report.hash}"
-        )
+        print(f"{self.out}: {data.episodes} episodes, {data.frames} frames, hash {data.hash}")
         return 0
 
 
