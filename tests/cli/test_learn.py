@@ -85,15 +85,20 @@ def test_a_killed_run_on_a_twin_loses_no_stored_episode_and_goes_on(address, tmp
     args = ("learn", "--robot", address, "--run", folder, *TINY, *options)
     command = [sys.executable, "-m", "surefoot", *map(str, args)]
     stored = folder / "data" / "iteration_001-001.h5"
+    manifest = folder / "data" / "manifest.json"
+
+    def second_episode_is_stored():
+        return manifest.exists() and stored.stem in manifest.read_text()
+
     log = tmp_path / "log"
     with log.open("wb") as output, subprocess.Popen(command, stdout=output, stderr=output) as child:
         until = time.monotonic() + PATIENCE
-        while not stored.exists() and child.poll() is None and time.monotonic() < until:
+        while not second_episode_is_stored() and child.poll() is None and time.monotonic() < until:
             time.sleep(0.01)
         child.kill()
-    assert stored.exists() and child.returncode == -signal.SIGKILL, log.read_text()
-    before = read_attempts(folder)
-    assert 1 <= len(before) < 6
+    assert second_episode_is_stored() and child.returncode == -signal.SIGKILL, log.read_text()
+    before = read_attempts(folder)[:2]  # the frames of a third may not have been stored
+    assert len(before) == 2
     shard = stored.read_bytes()
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 0, again.stderr

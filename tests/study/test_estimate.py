@@ -11,8 +11,9 @@ from surefoot.config.single_gaits import each_gait
 from surefoot.config.study import Measurement, StudyConfig, Technique
 from surefoot.mpc.gaits import with_gaits
 from surefoot.study import estimate as module
-from surefoot.study.cells import jobs_of
+from surefoot.study.cells import Cell, StudyJob, jobs_of
 from surefoot.study.estimate import (
+    Estimate,
     Rates,
     estimate_study,
     expert_work,
@@ -20,6 +21,7 @@ from surefoot.study.estimate import (
     read_estimate,
     training_work,
 )
+from surefoot.study.state import JobStatus
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -134,3 +136,34 @@ def test_expert_data_begins_at_all_phases_of_the_gait():
     config = preset("dagger")
     assert expert_work(config, data).robot_seconds == 2 * 3 * 10
     assert expert_work(with_gaits(config, ["walk"]), data).robot_seconds == 2 * 3 * 20
+
+
+def status(name, state="ready", seconds=0.0, processors=(), needs=()):
+    """How far a job is."""
+    job = StudyJob(name, "train", Cell("one", "", 0, 0, name), needs=needs)
+    return JobStatus(job, state, seconds, processors)
+
+
+def test_what_is_left_is_scaled_by_the_jobs_that_this_processor_did():
+    estimate = Estimate({"a": 10.0, "b": 10.0, "c": 10.0}, "mine")
+    rest = status("c", seconds=5.0)
+    assert estimate.left([status("a"), status("b"), status("c")], 1) == 30
+    mine = status("a", "done", 30.0, ("mine",))
+    fast = status("b", "done", 1.0, ("faster",))
+    both = status("b", "done", 1.0, ("faster", "mine"))
+    assert estimate.left([mine, fast, rest], 1) == 25
+    assert estimate.left([mine, both, rest], 1) == 25
+    assert estimate.left([fast, status("a", "done", 1.0), rest], 1) == 5
+
+
+def test_what_is_left_takes_as_long_as_the_jobs_that_wait_for_each_other():
+    estimate = Estimate({"train": 50.0, "measure": 10.0, "other": 5.0}, "mine")
+    chain = [status("train"), status("measure", "waiting", needs=("train",)), status("other")]
+    assert estimate.left(chain, 1) == 65
+    assert estimate.left(chain, 2) == estimate.left(chain, 9) == 60
+
+
+def test_a_running_job_keeps_its_worker_while_the_others_wait():
+    estimate = Estimate({"a": 10.0, "b": 10.0, "long": 50.0}, "mine")
+    assert estimate.left([status("a"), status("b"), status("long")], 2) == 60
+    assert estimate.left([status("a"), status("b"), status("long", "running")], 2) == 50

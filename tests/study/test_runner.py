@@ -24,7 +24,8 @@ from surefoot.study.folder import (
     save_tests,
     shared_folder,
 )
-from surefoot.study.runner import JobQueue, needed_jobs, open_study, run_study
+from surefoot.study.queue import JobQueue
+from surefoot.study.runner import needed_jobs, open_study, run_study
 from surefoot.study.state import FAILED_FILE, LOG_FILE, job_folder, job_statuses, pause_study
 from surefoot.study.supervise import Ended, Task
 from surefoot.workers import Workers

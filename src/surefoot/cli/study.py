@@ -173,6 +173,7 @@ class Study(OnWorkers):
         """Run the study, after saying what there is to do."""
         from surefoot.study.estimate import estimate_study
         from surefoot.study.runner import needed_jobs, open_study, run_study
+        from surefoot.study.state import job_statuses
 
         study = study_named(name)
         # A name that is wrong begins no study.
@@ -180,12 +181,15 @@ class Study(OnWorkers):
         if self.estimate:
             estimate = estimate_study(study, jobs)
             if self.json is not None:
-                write_json(self.json, estimate_report(estimate, self.workers))
-            print(describe_work(estimate, self.workers))
+                write_json(self.json, estimate_report(jobs, estimate, self.workers))
+            print(describe_work(jobs, estimate, self.workers))
             return 0
         setup = open_study(folder, study)
-        estimate = estimate_study(study, setup.jobs, folder).of(jobs)
-        print(f"{study.title}, in {folder}: {describe_work(estimate, self.workers)}")
+        estimate = estimate_study(study, setup.jobs, folder)
+        print(f"{study.title}, in {folder}: {describe_work(jobs, estimate, self.workers)}")
+        names = {job.name for job in jobs}
+        statuses = [status for status in job_statuses(folder) if status.job.name in names]
+        print(describe_state(statuses, estimate, self.workers))
         outcome = run_study(folder, self.spread, self.jobs)
         self._show(folder)
         return 1 if outcome.failed else 0
@@ -273,28 +277,31 @@ def jobs_in(folder: Path, study: StudyConfig) -> Sequence[StudyJob]:
     return jobs_of(study)
 
 
-def estimate_report(estimate: Estimate, workers: int) -> EstimateReport:
-    """How long a study will take, for machines.
+def estimate_report(jobs: Sequence[StudyJob], estimate: Estimate, workers: int) -> EstimateReport:
+    """How long jobs of a study will take, for machines.
 
     Args:
+        jobs: The jobs.
         estimate: The estimate.
         workers: How many jobs run at a time.
     """
-    jobs = [JobEstimate(name, seconds) for name, seconds in estimate.seconds.items()]
-    return EstimateReport(estimate.processor, workers, hours_of(estimate) / workers, jobs)
+    reports = [JobEstimate(job.name, estimate.seconds[job.name]) for job in jobs]
+    return EstimateReport(estimate.processor, workers, hours_of(jobs, estimate, workers), reports)
 
 
-def hours_of(estimate: Estimate) -> float:
-    """How long all jobs of a study take on one core [h]."""
-    return sum(estimate.seconds.values()) / 3600.0
+def hours_of(jobs: Sequence[StudyJob], estimate: Estimate, workers: int) -> float:
+    """How long jobs of a study take, with so many of them at a time [h]."""
+    from surefoot.study.queue import wall_seconds
+
+    return wall_seconds(jobs, estimate.seconds, workers) / 3600.0
 
 
-def describe_work(estimate: Estimate, workers: int) -> str:
+def describe_work(jobs: Sequence[StudyJob], estimate: Estimate, workers: int) -> str:
     """How much there is to do, in a sentence."""
-    hours = hours_of(estimate)
+    core_hours = sum(estimate.seconds[job.name] for job in jobs) / 3600.0
     return (
-        f"{len(estimate.seconds)} jobs, about {hours:.1f} core-hours on this machine, "
-        f"{hours / workers:.1f} hours with {workers} at a time"
+        f"{len(jobs)} jobs, about {core_hours:.1f} core-hours on this machine, "
+        f"{hours_of(jobs, estimate, workers):.1f} hours with {workers} at a time"
     )
 
 

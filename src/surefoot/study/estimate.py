@@ -41,6 +41,7 @@ from surefoot.scenarios.make import cycle_instants
 from surefoot.scenarios.prepare import completed
 from surefoot.study.cells import StudyJob, cell_config, measurements_of
 from surefoot.study.layout import ESTIMATE_FILE
+from surefoot.study.queue import wall_seconds
 from surefoot.study.state import JobStatus
 from surefoot.types import GRID, TICKS_PER_SECOND
 
@@ -284,28 +285,26 @@ class Estimate:
     seconds: dict[str, float]
     processor: str
 
-    def of(self, jobs: Sequence[StudyJob]) -> Estimate:
-        """The same estimate, for only some of its jobs."""
-        return Estimate({job.name: self.seconds[job.name] for job in jobs}, self.processor)
-
     def left(self, statuses: Sequence[JobStatus], workers: int) -> float:
-        """How long a study still takes, if its jobs keep all workers busy [s].
+        """How long a study still takes [s].
 
-        The rest is scaled by how long the jobs that are done took, compared with their estimate.
+        The rest is scaled by how long the jobs that this model of processor did took, compared with
+        their estimate.
 
         Args:
             statuses: How far the jobs are.
             workers: Number of jobs that run at a time.
         """
-        done = [status for status in statuses if status.state == "done"]
-        estimated = sum(self.seconds[status.job.name] for status in done)
-        taken = sum(status.seconds for status in done)
-        pace = taken / estimated if estimated > 0.0 else 1.0
-        left = 0.0
-        for status in statuses:
-            if status.state != "done":
-                left += max(pace * self.seconds[status.job.name] - status.seconds, 0.0)
-        return left / workers
+        done = {status.job.name for status in statuses if status.state == "done"}
+        here = [s for s in statuses if s.job.name in done and s.processors == (self.processor,)]
+        estimated = sum(self.seconds[status.job.name] for status in here)
+        pace = sum(status.seconds for status in here) / estimated if estimated > 0.0 else 1.0
+        left = {
+            status.job.name: max(pace * self.seconds[status.job.name] - status.seconds, 0.0)
+            for status in statuses
+        }
+        running_first = sorted(statuses, key=lambda status: status.state != "running")
+        return wall_seconds([status.job for status in running_first], left, workers, done)
 
 
 def _what_rates_depend_on(config: Config) -> str:

@@ -2,14 +2,14 @@
 
 The folder has the whole state of a study; this module only starts the jobs that are ready, and
 waits. After a kill, the same command continues the study. A failed job blocks only the jobs that
-need it. Read `cells` for the jobs, `state` for their progress, `supervise` for how one is run.
+need it. Read `cells` for the jobs, `queue` for their order, `state` for their progress, `supervise`
+for how one is run.
 """
 
 from __future__ import annotations
 
 import fnmatch
 import logging
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -31,14 +31,12 @@ from surefoot.study.checkout import check_out, checkout_root, clean_commit
 from surefoot.study.folder import StudyError, StudySetup, read_study, save_setup
 from surefoot.study.layout import STUDY_FILE
 from surefoot.study.pools import make_pool
+from surefoot.study.queue import JobQueue
 from surefoot.study.state import claim_study, finished_jobs, is_paused, say_workers
 from surefoot.study.supervise import Ended, Task
 from surefoot.workers import Workers
 
 logger = logging.getLogger(__name__)
-
-MOST_LOSSES = 3
-"""A job that is lost this many times in a row fails."""
 
 
 @dataclass(frozen=True)
@@ -187,7 +185,6 @@ def run_study(folder: Path, workers: Workers, only: Sequence[str] = ()) -> Study
     code = code_of(folder, setup)
     pool = make_pool(workers)
     say_workers(folder, pool.count)
-    logger.info("%d of %d jobs are done", len(queue.done), len(jobs))
     if is_paused(folder):
         logger.warning("it is paused; `surefoot study resume %s` lets its jobs go on", folder)
     try:
@@ -255,59 +252,3 @@ def needed_jobs(jobs: Sequence[StudyJob], patterns: Sequence[str]) -> tuple[Stud
         if job.name in needed:
             needed.update(job.needs)
     return tuple(job for job in jobs if job.name in needed)
-
-
-class JobQueue:
-    """The jobs of a study that are left to do, in its order.
-
-    Args:
-        jobs: The jobs, each after those that it needs.
-        done: Names of those that are done.
-
-    Attributes:
-        done: Names of the jobs that are done.
-        running: The jobs that are in progress, by name.
-        failed: How each failed job ended.
-    """
-
-    def __init__(self, jobs: tuple[StudyJob, ...], done: set[str]) -> None:
-        self.done = set(done)
-        self.running: dict[str, StudyJob] = {}
-        self.failed: list[Ended] = []
-        self._losses: Counter[str] = Counter()
-        self._waiting = [job for job in jobs if job.name not in done]
-
-    def take(self) -> StudyJob | None:
-        """Take the next job that can be done now, and count it as running; None without any."""
-        for number, job in enumerate(self._waiting):
-            if self.done.issuperset(job.needs):
-                self.running[job.name] = self._waiting.pop(number)
-                return job
-        return None
-
-    def give_back(self, ended: Ended) -> Ended:
-        """Record how a job ended; one that neither finished nor failed is the next to be taken.
-
-        Returns:
-            How it ended; a job that was lost too often has failed.
-        """
-        job = self.running.pop(ended.job)
-        if ended.status == "lost":
-            self._losses[job.name] += 1
-            if self._losses[job.name] == MOST_LOSSES:
-                ended = replace(
-                    ended,
-                    status="failed",
-                    message=f"{job.name} was lost {MOST_LOSSES} times in a row, and is not started "
-                    "again; see whether the machines stay, and have the memory for it. "
-                    f"{ended.message}",
-                )
-        else:
-            del self._losses[job.name]
-        if ended.status == "finished":
-            self.done.add(job.name)
-        elif ended.status == "failed":
-            self.failed.append(ended)
-        else:
-            self._waiting.insert(0, job)
-        return ended

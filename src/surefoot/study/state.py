@@ -46,11 +46,13 @@ class JobStatus:
         job: The job.
         state: How far it is.
         seconds: Processor time of all its slices that have ended [s].
+        processors: Models of the processors that these ran on.
     """
 
     job: StudyJob
     state: JobState
-    seconds: float
+    seconds: float = 0.0
+    processors: tuple[str, ...] = ()
 
 
 def claim_study(folder: Path) -> None:
@@ -156,17 +158,18 @@ def job_statuses(folder: Path) -> tuple[JobStatus, ...]:
     # What a refused job needs must not be made again before someone has looked at its files.
     done = _with_their_folders(folder, jobs, done | refused) - refused
     return tuple(
-        JobStatus(job, "failed", 0.0)
-        if job.name in refused
-        else JobStatus(job, _state_of(folder, job, done), _seconds_of(folder, job))
+        JobStatus(job, "failed") if job.name in refused else _status_of(folder, job, done)
         for job in jobs
     )
 
 
-def _seconds_of(folder: Path, job: StudyJob) -> float:
-    """How long a job has worked [s]."""
+def _status_of(folder: Path, job: StudyJob, done: set[str]) -> JobStatus:
+    """How far a job is, given the names of those that are done."""
+    state = _state_of(folder, job, done)
     record = read_job(folder, job.cell, job.name)
-    return 0.0 if record is None else record.seconds
+    if record is None:
+        return JobStatus(job, state)
+    return JobStatus(job, state, record.seconds, record.processors)
 
 
 def _state_of(folder: Path, job: StudyJob, done: set[str]) -> JobState:

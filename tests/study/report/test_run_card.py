@@ -59,12 +59,18 @@ def test_failures_have_the_command_that_replays_them(folder, tmp_path):
     changed = json.loads(lines[4]) | {"failed_episodes": [100_017]}
     assert changed["stage"] == "collect"
     lines[4] = json.dumps(changed)
+    (folder / "data").mkdir()
     (folder / "metrics.jsonl").write_text("\n".join([*lines, ""]))
     card = run_card(folder)
     assert [each.command for each in card.failures] == [
         f"surefoot play '{folder}' --iteration 1 --episode 17"
     ]
     assert card.failures[0].command in page_without_figures(card, tmp_path / "out").text
+    # The results of a study have no data and few policies.
+    (folder / "data").rmdir()
+    card = run_card(folder)
+    assert [each.command for each in card.failures] == [None]
+    assert "--episode" not in page_without_figures(card, tmp_path / "again").text
 
 
 def test_the_best_policy_has_its_hash(folder, tmp_path):

@@ -55,12 +55,13 @@ class Failure:
     Attributes:
         iteration: The iteration that collected it.
         episode: Its index in the iteration.
-        command: The command that replays it.
+        command: The command that replays it; None among the results of a study, which have neither
+            the policies nor all initial states of the run.
     """
 
     iteration: int
     episode: int
-    command: str
+    command: str | None
 
 
 @dataclass(frozen=True)
@@ -124,7 +125,7 @@ def run_card(folder: Path) -> RunCard:
         tests=tests,
         policy=policy,
         policy_sha256="" if policy is None else sha256_of(policy),
-        failures=tuple(_failures(folder, metrics, is_field_run)),
+        failures=tuple(_failures(run, metrics, is_field_run)),
         figures=_figures(run.method, is_field_run, stages(metrics)),
     )
 
@@ -156,9 +157,10 @@ def _policy_of(run: Run, best: int | None) -> Path | None:
     return None
 
 
-def _failures(folder: Path, metrics: Sequence[StageRecord], is_field_run: bool) -> list[Failure]:
+def _failures(run: Run, metrics: Sequence[StageRecord], is_field_run: bool) -> list[Failure]:
     """The episodes that failed while data was collected."""
     failures = []
+    has_data = run.dataset.folder.is_dir()
     for record in metrics:
         if not isinstance(record, Collected):
             continue
@@ -166,8 +168,10 @@ def _failures(folder: Path, metrics: Sequence[StageRecord], is_field_run: bool) 
             continue  # a robot's episode is not simulated again; its flight tells what happened
         for episode in record.failed_episodes:
             index = EpisodeId.from_number(episode).index
-            where = shlex.quote(str(folder))
-            command = f"surefoot play {where} --iteration {record.iteration} --episode {index}"
+            command = None
+            if has_data:
+                where = shlex.quote(str(run.folder))
+                command = f"surefoot play {where} --iteration {record.iteration} --episode {index}"
             failures.append(Failure(record.iteration, index, command))
     return failures
 

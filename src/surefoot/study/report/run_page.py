@@ -328,7 +328,11 @@ def _failures(card: RunCard) -> list[Markup]:
         nothing = "No rollout fell, and none was given up, while data was collected."
         return [*parts, paragraph(nothing)]
     rows = [
-        (escaped(str(each.iteration)), escaped(str(each.episode)), code(each.command))
+        (
+            escaped(str(each.iteration)),
+            escaped(str(each.episode)),
+            escaped("in the run's folder") if each.command is None else code(each.command),
+        )
         for each in card.failures
     ]
     listed = table(
