@@ -21,7 +21,7 @@ from surefoot.study.estimate import (
     read_estimate,
     training_work,
 )
-from surefoot.study.state import JobStatus
+from surefoot.study.state import JobState, JobStatus
 
 
 @pytest.mark.parametrize("name", METHODS)
@@ -138,7 +138,7 @@ def test_expert_data_begins_at_all_phases_of_the_gait():
     assert expert_work(with_gaits(config, ["walk"]), data).robot_seconds == 2 * 3 * 20
 
 
-def status(name, state="ready", seconds=0.0, processors=(), needs=()):
+def status(name, state: JobState = "ready", seconds=0.0, processors=(), needs=()):
     """How far a job is."""
     job = StudyJob(name, "train", Cell("one", "", 0, 0, name), needs=needs)
     return JobStatus(job, state, seconds, processors)

@@ -62,10 +62,9 @@ def test_failures_have_the_command_that_replays_them(folder, tmp_path):
     (folder / "data").mkdir()
     (folder / "metrics.jsonl").write_text("\n".join([*lines, ""]))
     card = run_card(folder)
-    assert [each.command for each in card.failures] == [
-        f"surefoot play '{folder}' --iteration 1 --episode 17"
-    ]
-    assert card.failures[0].command in page_without_figures(card, tmp_path / "out").text
+    command = f"surefoot play '{folder}' --iteration 1 --episode 17"
+    assert [each.command for each in card.failures] == [command]
+    assert command in page_without_figures(card, tmp_path / "out").text
     # The results of a study have no data and few policies.
     (folder / "data").rmdir()
     card = run_card(folder)
