@@ -1,9 +1,11 @@
 """Fixtures of all tests: files that wait for no disk, and the toy's worlds and finished runs."""
 
+import gc
 import os
 import signal
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 
@@ -23,6 +25,16 @@ def fsync() -> Iterator[Callable[[int], None]]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda descriptor: None)
         yield system
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_search_for_garbage() -> Iterator[None]:
+    """Nothing looks for garbage before real time: with all that tests have loaded, it takes long."""
+    from surefoot.deploy import real_time
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(real_time, "gc", SimpleNamespace(**vars(gc) | {"collect": lambda: 0}))
+        yield
 
 
 @pytest.fixture(scope="module")

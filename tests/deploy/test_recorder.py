@@ -18,12 +18,6 @@ from tests.deploy.test_handover import sensors
 from tests.fakes.bridge_world import TOY, ToyPolicy, World
 
 
-@pytest.fixture(autouse=True)
-def no_search_for_garbage(monkeypatch):
-    """Drives do not look for garbage first: with all that tests have loaded, it takes a second."""
-    monkeypatch.setattr("surefoot.deploy.real_time.gc.collect", lambda: 0)
-
-
 def record(tick: int) -> TickRecord:
     return TickRecord(tick, 10 * tick, 2, tick % 2 == 0, Command(tick, 0.0, 0.5), 7, 1.5, 2.5, 1)
 

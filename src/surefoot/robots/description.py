@@ -33,9 +33,9 @@ LEAST_AXIS = 1e-6
 """An axis shorter than this has no direction."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Description:
-    """A URDF that has been read.
+    """A URDF that has been read; only the same reading of the same content is equal to it.
 
     Attributes:
         path: The file.

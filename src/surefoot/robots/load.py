@@ -7,6 +7,7 @@ Read `robots.model` for the result, `config.robot_table` for the robots of the p
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +33,7 @@ NO_LIMIT = 1000.0
 
 
 def load_robot(robot: RobotConfig | RobotSpec | str | Path = "solo12") -> RobotModel:
-    """Load a robot.
+    """Load a robot, shared by all that load the same one: nobody may change it.
 
     Args:
         robot: The name of a robot of the package, a file with a `RobotSpec`, a spec itself, or the
@@ -46,10 +47,30 @@ def load_robot(robot: RobotConfig | RobotSpec | str | Path = "solo12") -> RobotM
     config = robot if isinstance(robot, RobotConfig) else RobotConfig()
     spec = find_spec(robot)
     description = read_description(spec)
+    profile = find_profile(config)
+    return _model(description, spec, profile, config.torque_limit, config.enforce_speed_limit)
+
+
+@lru_cache(maxsize=16)
+def _model(
+    description: Description,
+    spec: RobotSpec,
+    profile: HardwareProfile | None,
+    same_torque: float | None,
+    enforce_speed_limit: bool,
+) -> RobotModel:
+    """The model of a robot, made once, since a program asks for it often.
+
+    Args:
+        description: The robot's URDF.
+        spec: What the URDF does not say.
+        profile: What its electronics allow; None if nothing is known about them.
+        same_torque: The torque limit of all joints; None is the robot's own [N m].
+        enforce_speed_limit: Whether motors stop driving joints beyond their speed limits.
+    """
     model = canonical_model(description, spec)
     _check_lower_legs(description, model, spec)
-    profile = find_profile(config)
-    torque_limit = _torque_limits(description, spec, config.torque_limit)
+    torque_limit = _torque_limits(description, spec, same_torque)
     if profile is not None:
         torque_limit = np.minimum(torque_limit, torque_limits(profile))
     loaded = RobotModel(
@@ -61,7 +82,7 @@ def load_robot(robot: RobotConfig | RobotSpec | str | Path = "solo12") -> RobotM
         speed_limit=_speed_limits(description, spec),
         position_limit=_position_limits(description, spec),
         shapes=contact_shapes(model, spec),
-        enforce_speed_limit=config.enforce_speed_limit,
+        enforce_speed_limit=enforce_speed_limit,
         profile=profile,
     )
     _check_pose(loaded)
