@@ -29,7 +29,7 @@ def fsync() -> Iterator[Callable[[int], None]]:
 
 @pytest.fixture(scope="session", autouse=True)
 def no_search_for_garbage() -> Iterator[None]:
-    """Nothing looks for garbage before real time: with all that tests have loaded, it takes long."""
+    """Nothing looks for garbage before real time: after so many tests, it takes half a second."""
     from surefoot.deploy import real_time
 
     with pytest.MonkeyPatch.context() as patch:
