@@ -10,6 +10,8 @@ Check before the motors are on: names, order, signs and zero of the joints; that
 xyzw and turns base into world; that the gyroscope is in the base frame.
 """
 
+from __future__ import annotations  # for Python 3.8
+
 import sys
 import time
 from collections.abc import Sequence

@@ -12,6 +12,7 @@ from surefoot.deploy.gate import GateSwitch
 from surefoot.deploy.handover import Safeguard
 from surefoot.deploy.interfaces import Fallen
 from surefoot.deploy.loop import Mode
+from surefoot.deploy.operator import Wish
 from surefoot.types import Command
 from tests.fakes.bridge_world import TOY, ToyExpert, ToyPolicy, World
 
@@ -151,6 +152,16 @@ def test_while_the_policy_drives_the_planner_is_asked_all_the_same():
     assert not expert.asked
 
 
+def test_an_operator_for_whom_all_is_over_ends_the_session_before_the_robot_stood_up():
+    world = World(config=RuntimeConfig(stand=0.05))
+    world.operator.wanted = Wish(False, Command())
+    world.run(5)
+    assert not world.runtime.over
+    world.operator.wanted = Wish(False, Command(), over=True)
+    world.run(1)
+    assert world.runtime.over and world.runtime.stopped
+
+
 def test_a_robot_that_lies_is_no_fallen_one_before_it_stands_up():
     switch = Switch()
     switch.falls_at = 0
@@ -207,7 +218,7 @@ def test_a_robot_without_a_base_is_not_let_go_where_an_expert_is_to_take_over():
     world.run(500)
     assert world.runtime.mode == Mode.DAMP
     fault = world.runtime.fault
-    assert fault is not None and fault.kind == "posture"
+    assert fault is not None and fault.kind == "lost base"
     assert "the expert needs height and linear velocity" in fault.detail
 
 

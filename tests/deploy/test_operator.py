@@ -202,7 +202,7 @@ def test_a_script_starts_at_once_and_stops_in_time():
     clock.advance(1999)
     assert operator.wish().go
     clock.advance(1)
-    assert not operator.wish().go
+    assert operator.wish() == Wish(False, Command(0.3), gait=1, over=True)
 
 
 def test_a_writer_that_never_stops_does_not_delay_a_tick(pipe, monkeypatch):

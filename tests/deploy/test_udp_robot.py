@@ -6,8 +6,18 @@ from typing import Any
 import pytest
 
 from surefoot.deploy import udp_robot
-from surefoot.deploy.bridge import MOST_DATAGRAMS
+from surefoot.deploy.bridge import MOST_DATAGRAMS, Bridge
+from surefoot.deploy.interfaces import Stale
 from surefoot.deploy.udp_robot import UdpRobot, address_text, parse_address, robot_at
+from tests.fakes.bridge_world import (
+    BRIDGE,
+    RUNTIME,
+    TOY,
+    Clock,
+    Network,
+    ToyDriver,
+    WaitingEndpoint,
+)
 
 
 def test_a_name_is_resolved_because_senders_are_numbers():
@@ -35,6 +45,23 @@ def test_only_a_bridge_on_this_machine_is_heard_on_the_loopback_interface(
     monkeypatch.setattr(udp_robot, "UdpChannel", hosts.append)
     assert robot_at((bridge, 5151), lockstep=True).lockstep
     assert hosts == [heard]
+
+
+def test_a_bridge_that_answers_from_another_address_is_named():
+    """As one with two interfaces, of which its answers take the other."""
+    clock = Clock()
+    network = Network()
+    bridge = Bridge(ToyDriver(clock), network.endpoint(BRIDGE), TOY, clock)
+    other = ("other", 4)
+    network.boxes[other] = network.boxes[BRIDGE]
+
+    def pass_time():
+        bridge.tick()
+        clock.advance(20)
+
+    robot = UdpRobot(WaitingEndpoint(network.endpoint(RUNTIME), pass_time), other, clock)
+    with pytest.raises(Stale, match="a bridge answers from udp://bridge:1 instead, so name that"):
+        robot.connect(0.1)
 
 
 def test_a_flood_does_not_delay_a_tick():

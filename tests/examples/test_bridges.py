@@ -131,8 +131,8 @@ def test_a_solo12_behind_a_bridge_is_read_and_damped(solo12):
     robot.sent.clear()
     served.tick()
     served.close()
-    assert robot.sent["set_position_gains"] == [[0.0] * 12]
-    assert robot.sent["set_velocity_gains"] == [[0.2] * 12]
-    assert robot.sent["set_torques"] == [[0.0] * 12]
+    assert robot.sent["set_position_gains"][-1] == [0.0] * 12
+    assert robot.sent["set_velocity_gains"][-1] == [0.2] * 12
+    assert robot.sent["set_torques"][-1] == [0.0] * 12
     assert "send_command" in robot.sent
     assert names.Driver("solo12.yaml").read().joint_position == list(range(12))

@@ -19,7 +19,7 @@ from surefoot.deploy.loop import Runtime
 from surefoot.deploy.udp_robot import UdpRobot
 from tests.fakes.bridge_world import TOY, Clock, ToyDriver, ToyOperator, ToyPolicy
 
-PATIENT = TOY._replace(command_timeout=1.0, command_age=30.0, state_timeout=1.0)
+PATIENT = TOY._replace(command_timeout=1.0, command_age=1.0, state_timeout=1.0)
 """The toy, on a busy machine."""
 CONFIG = RuntimeConfig(stand=0.05, missed_deadlines=1000)
 

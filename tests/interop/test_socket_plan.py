@@ -18,6 +18,7 @@ from surefoot.interop.socket_plan import (
     SocketPlan,
     answer,
     question,
+    read_question,
     serve_plan,
 )
 from surefoot.methods import METHODS
@@ -150,6 +151,26 @@ def test_without_a_server_the_error_says_to_start_it():
         port = free.getsockname()[1]
     with pytest.raises(PlanServerError, match=rf"127.0.0.1:{port} .* start its server"):
         SocketPlan(port)(STATE, 0, COMMAND)
+
+
+def test_a_server_that_was_started_again_is_asked_over_a_new_connection():
+    listener = socket.create_server(("127.0.0.1", 0))
+    closed = threading.Event()
+
+    def answer_once_each():
+        for _ in range(2):
+            connection, _ = listener.accept()
+            with connection:
+                read_question(connection)
+                connection.sendall(answer(PLAN))
+            closed.set()
+
+    threading.Thread(target=answer_once_each, daemon=True).start()
+    remote = SocketPlan(listener.getsockname()[1], timeout=5.0)
+    with listener:
+        assert remote(STATE, 0, COMMAND).valid
+        assert closed.wait(5.0)
+        assert remote(STATE, 0, COMMAND).valid
 
 
 def test_a_server_that_fails_is_an_error_and_the_next_question_asks_again(served, capsys):

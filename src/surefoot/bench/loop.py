@@ -29,7 +29,7 @@ from surefoot.deploy.drive import drive
 from surefoot.deploy.loop import Mode, Runtime
 from surefoot.deploy.operator import Scripted
 from surefoot.deploy.policy import OnnxPolicy, load
-from surefoot.deploy.protocol import DRIVING, LATCHED, Description
+from surefoot.deploy.protocol import DRIVING, LATCHED, LONGEST_TIMEOUT, Description
 from surefoot.deploy.real_time import without_pauses
 from surefoot.deploy.udp_robot import UdpRobot
 from surefoot.interop.onnx.file import describe, network_model, write_onnx
@@ -49,7 +49,7 @@ KILLS = 5
 OBEYED = 50
 """Number of commands from each runtime before it is killed."""
 PATIENCE = 60.0
-"""[s] A timeout that is long enough even on a busy machine."""
+"""[s] How long a runtime waits for its bridge, even on a busy machine."""
 
 
 @dataclass(frozen=True)
@@ -228,9 +228,9 @@ def time_to_damping(file: Path, q: Array, timeout: float) -> float | None:
     """
     driver = _Still(q)
     channel = UdpChannel()
-    # Even on a busy machine, only silence may end the flight.
+    # Even on a busy machine, only silence is to end the flight.
     description = _description(load(file))._replace(
-        command_timeout=timeout, command_age=PATIENCE, state_timeout=PATIENCE
+        command_timeout=timeout, command_age=LONGEST_TIMEOUT, state_timeout=LONGEST_TIMEOUT
     )
     bridge = Bridge(driver, channel, description)
     context = multiprocessing.get_context("spawn")

@@ -31,6 +31,8 @@ Address = Tuple[str, int]  # noqa: UP006 - Python 3.8 has no tuple[]
 """A host and a port."""
 MOST_DATAGRAMS = 64
 """Maximum number of datagrams read per tick, so that a flood does not delay the driver."""
+LAST_WRITES = 20
+"""How often the joints are damped when the bridge ends, one tick apart."""
 RELEASE = 1.0
 """[s] Silence of the former runtime after which an idle or latched bridge greets a new one."""
 
@@ -244,10 +246,15 @@ class Bridge:
         self.peer = None
 
     def close(self) -> None:
-        """Damp the joints, and close the channel."""
+        """Damp the joints, and close the channel.
+
+        Motors keep their last command, and a driver may fail or lose a write: there are many.
+        """
         self._latch(protocol.DRIVER)
-        with suppress(Exception):
-            self._driver.write(self._damping)
+        for _ in range(LAST_WRITES):
+            with suppress(Exception):
+                self._driver.write(self._damping)
+            time.sleep(1.0 / self.description.rate_hz)
         self._channel.close()
 
     def _take(self, data: bytes, sender: Address, now: int) -> None:

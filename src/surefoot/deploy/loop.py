@@ -231,7 +231,7 @@ class Runtime:
         if not wish.go:
             if wish.lost:
                 self.lose(wish.lost)
-            elif self.mode != Mode.DAMP:
+            elif wish.over or self.mode != Mode.DAMP:
                 self.stop()
             return
         if self.mode == Mode.DAMP:
@@ -250,11 +250,11 @@ class Runtime:
         if (late := self._late()) is not None:
             self._give_up(*late)
             return
-        misfit = missing_base(self._policy, self.drivers.has_expert, sensors)
-        misfit = misfit or misfit_of(self._policy, sensors, self.config.posture)
+        missing = missing_base(self._policy, self.drivers.has_expert, sensors)
+        misfit = missing or misfit_of(self._policy, sensors, self.config.posture)
         if misfit is not None:
             if self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
-                self._give_up("posture", misfit)
+                self._give_up("lost base" if missing else "posture", misfit)
         elif self.deadlines.in_a_row == 0:
             self._begin(Mode.DRIVE, sensors)
             self.drivers.begin(sensors, wish.gait)
@@ -270,7 +270,7 @@ class Runtime:
             self._asked = True
             missing = missing_base(self._policy, self.drivers.has_expert, sensors)
             if missing is not None:
-                self._give_up("posture", missing)
+                self._give_up("lost base", missing)
                 return False
             # Meanwhile the robot's states pile up.
             self.drivers.warm_up(sensors)

@@ -65,6 +65,7 @@ class Wish(NamedTuple):
         lost: Why the operator is lost; empty as long as they are there.
         rest: Whether the robot is to stand instead of walking.
         gait: The number of the commanded gait; the robot switches to it when it can.
+        over: Whether nothing more is to come, so that the session ends, even before it stood up.
     """
 
     go: bool
@@ -72,6 +73,7 @@ class Wish(NamedTuple):
     lost: str = ""
     rest: bool = False
     gait: int = 0
+    over: bool = False
 
 
 class Operator(Protocol):
@@ -111,7 +113,7 @@ class Scripted:
         if self._begun is None:
             self._begun = now
         over = self._seconds is not None and now - self._begun >= self._seconds * 1e9
-        return Wish(not over, self.command, gait=self._gait)
+        return Wish(not over, self.command, gait=self._gait, over=over)
 
 
 def check_input(instead: str) -> None:

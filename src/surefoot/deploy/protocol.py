@@ -152,7 +152,7 @@ class Description(NamedTuple):
 
 
 LONGEST_TIMEOUT = 1.0
-"""[s] No bridge drives longer than this without a command: a robot has fallen by then."""
+"""[s] Nothing on the way may be silent, or late, for longer: a robot has fallen by then."""
 
 
 def check_description(description: Description) -> None:
@@ -163,18 +163,19 @@ def check_description(description: Description) -> None:
 
     Raises:
         ValueError: It cannot be sent (see `pack_description`), the rate is below 1 Hz, every
-            command would be too late at that rate, the timeout of commands is more than
+            command would be too late at that rate, one of the three times is more than
             `LONGEST_TIMEOUT`, a range of angles is empty, or a time, another limit or the damping
             is not positive; NaN is refused, too.
     """
     pack_description(description)
     if description.rate_hz < 1:
         raise ValueError(f"the bridge's rate_hz is {description.rate_hz}; use a number from 1 on")
-    if description.command_timeout > LONGEST_TIMEOUT:
-        raise ValueError(
-            f"the bridge's command_timeout is {description.command_timeout} s; use at most "
-            f"{LONGEST_TIMEOUT}, in seconds"
-        )
+    for name in ("command_timeout", "command_age", "state_timeout"):
+        value = getattr(description, name)
+        if value > LONGEST_TIMEOUT:
+            raise ValueError(
+                f"the bridge's {name} is {value} s; use at most {LONGEST_TIMEOUT}, in seconds"
+            )
     for name in ("command_timeout", "command_age", "state_timeout", "damping"):
         value = getattr(description, name)
         if not value > 0.0:

@@ -64,6 +64,7 @@ class UdpRobot:
         self._clock = clock
         self.lockstep = lockstep
         self._description: Description | None = None
+        self._answered_from: Address | None = None  # a bridge at another address
         self._robot_id = 0
         self._session = 0
         self._sequence = 0
@@ -117,10 +118,16 @@ class UdpRobot:
             self.take()
         if not self._has_begun:
             raise Stale(
-                f"no bridge answers at {address_text(self._peer)} within {seconds:g} s: it is not "
-                "running, or it serves another runtime"
+                f"no bridge answers at {address_text(self._peer)} within {seconds:g} s: "
+                f"{self._silence()}"
             )
         return self.description
+
+    def _silence(self) -> str:
+        """Why the bridge may be silent."""
+        if self._answered_from is None:
+            return "it is not running, or it serves another runtime"
+        return f"a bridge answers from {address_text(self._answered_from)} instead, so name that"
 
     def greet(self) -> None:
         """Say hello to the bridge; it answers with its description."""
@@ -204,6 +211,8 @@ class UdpRobot:
             try:
                 packet = protocol.unpack(data)
                 if sender != self._peer:
+                    if packet.kind == protocol.DESCRIPTION:
+                        self._answered_from = sender
                     raise protocol.Refused("a stranger")
                 if packet.kind == protocol.DESCRIPTION:
                     self._meet(packet)

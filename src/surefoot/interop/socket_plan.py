@@ -108,10 +108,11 @@ class SocketPlan:
     def _ask(self, asked: bytes) -> MotionPlan:
         """Send a question, and wait for its answer."""
         try:
+            if self._connection is not None and _has_ended(self._connection):
+                self.close()  # a server that was started again answers a new connection
             if self._connection is None:
                 self._connection = socket.create_connection((self.host, self.port), self.timeout)
                 self._connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            _check_nothing_left(self._connection)
             self._connection.sendall(asked)
             return read_answer(self._connection)
         except BaseException:  # Ctrl-C too: the rest of this answer is not the next one
@@ -198,18 +199,25 @@ def read_answer(connection: socket.socket) -> MotionPlan:
     return MotionPlan(position, velocity, torque)
 
 
-def _check_nothing_left(connection: socket.socket) -> None:
-    """Check that nothing followed the last answer, as it would be taken for the next one.
+def _has_ended(connection: socket.socket) -> bool:
+    """Whether the server has closed a connection on which nothing is asked.
 
     Raises:
-        PlanServerError: Something did.
+        PlanServerError: Something followed the last answer; it would be taken for the next one.
     """
     readable, _, _ = select.select([connection], [], [], 0)
-    if readable and connection.recv(1, socket.MSG_PEEK):  # empty if the server ended
+    if not readable:
+        return False
+    try:
+        follows = connection.recv(1, socket.MSG_PEEK)
+    except ConnectionError:
+        return True
+    if follows:
         raise PlanServerError(
             "the last answer was longer than the number of ticks that it began with; each tick has "
             f"{COLUMNS} doubles: 12 joint positions, 12 joint velocities, 12 torques"
         )
+    return True
 
 
 def serve_plan(plan: PlanFunction, port: int = 0, host: str = "127.0.0.1") -> ThreadingTCPServer:
