@@ -236,6 +236,15 @@ def test_a_dataset_of_another_robot_is_not_fitted(surefoot, logs, tmp_path, caps
     assert "holds frames of another robot than go2" in capsys.readouterr().err
 
 
+def test_a_gait_that_no_frame_is_of_is_not_fitted(surefoot, logs, tmp_path, capsys):
+    data = tmp_path / "data"
+    assert surefoot("import-data", *logs, "--out", data) == 0
+    policy = tmp_path / "policy.safetensors"
+    assert surefoot("fit", data, policy, "--gaits", "trot", "bound") == 2
+    assert "is of the gait bound" in capsys.readouterr().err
+    assert not policy.exists()
+
+
 def test_there_is_nothing_to_fit_without_a_dataset(surefoot, tmp_path, capsys):
     assert surefoot("fit", tmp_path / "none", tmp_path / "policy.safetensors") == 2
     assert "import-data" in capsys.readouterr().err
@@ -263,6 +272,21 @@ def test_both_folders_are_checked_before_anything_is_written(
     assert surefoot("export-data", run_folder, *options) == 2
     assert "lerobot exists; an export never changes a folder" in capsys.readouterr().err
     assert not (tmp_path / "minari").exists()
+
+
+def test_the_two_formats_are_written_apart(surefoot, run_folder, tmp_path, capsys):
+    options = ["--minari", tmp_path / "out", "--lerobot", tmp_path / "out" / "x"]
+    assert surefoot("export-data", run_folder, *options) == 2
+    assert "lie in each other: name two folders apart" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_name_of_a_dataset_that_is_not_asked_for_is_an_error(
+    surefoot, run_folder, tmp_path, capsys
+):
+    options = ["--lerobot", tmp_path / "lerobot", "--name", "mine-v0"]
+    assert surefoot("export-data", run_folder, *options) == 2
+    assert "--name is the id of a Minari dataset" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

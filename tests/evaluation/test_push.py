@@ -10,8 +10,15 @@ import pytest
 import surefoot.evaluation.push as push_module
 from surefoot.config import Config, DisturbanceConfig, PushConfig, StateNoiseConfig
 from surefoot.config.checked import known
+from surefoot.config.gait_table import GAITS
 from surefoot.config.json_io import from_json, to_json
-from surefoot.evaluation.push import branch_at_push, push_recovery, pushed_job, pushed_starts
+from surefoot.evaluation.push import (
+    branch_at_push,
+    push_recovery,
+    pushed_job,
+    pushed_starts,
+    seconds_after,
+)
 from surefoot.evaluation.push_limits import PushResult, push_difference
 from surefoot.learning.policy import Policy
 from surefoot.robots.model import standing
@@ -444,6 +451,15 @@ def test_robots_that_are_all_lost_before_the_push_withstand_nothing_under_noise_
     result = push_recovery(config, None, Workers(1), plan=gives_up)
     assert result.lost_before == result.episodes
     assert result.fitted_impulse == (0.0,)
+
+
+@pytest.mark.parametrize(
+    ("gait", "after", "watched"),
+    [("trot", 1.6, 1.6), ("walk", 1.6, 3.06), ("walk", 4.0, 4.0), ("walk", 1.0, 1.0)],
+)
+def test_a_slow_gait_is_watched_until_its_steps_can_be_judged(gait, after, watched):
+    config = replace(Config(), gait=GAITS[gait], push=replace(Config().push, after=after))
+    assert seconds_after(config) == pytest.approx(watched)
 
 
 def test_a_robot_that_only_stands_fails_even_unpushed():

@@ -18,6 +18,7 @@ from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE, OBSERVATION_SIZE
 from surefoot.learning.policy import Policy
+from surefoot.learning.precision import PrecisionChoice
 from surefoot.learning.samples import WIDTH, derive, held_out
 from surefoot.learning.symmetry import Mirror, Mirrored
 from surefoot.learning.train import fit, split_samples
@@ -512,6 +513,31 @@ def test_a_killed_fit_of_any_layout_resumes_where_it_was(tmp_path, layout):
     )
     assert epochs == [2]
     assert torch.equal(weights(resumed.network), weights(fitted().network))
+
+
+def test_a_fit_goes_on_in_the_format_that_it_began_with(tmp_path, monkeypatch):
+    """Where both formats are about equally fast, the next timing may name the other one."""
+    config = replace(TRAINING, precision="auto")
+    path = tmp_path / "fit.safetensors"
+    choices = iter(["bfloat16", "float32"])
+
+    def chosen(*_):
+        return PrecisionChoice(next(choices))
+
+    def die(*_):
+        raise Killed
+
+    epochs = []
+    with monkeypatch.context() as patch:
+        patch.setattr(train_module, "choose_precision", chosen)
+        with pytest.raises(Killed):
+            run(epochs=2, config=config, progress=die, checkpoint=path)
+        resumed = run(
+            epochs=2, config=config, checkpoint=path, progress=lambda done, *_: epochs.append(done)
+        )
+    assert epochs == [2]
+    whole = run(epochs=2, config=replace(TRAINING, precision="bfloat16"))
+    assert torch.equal(weights(resumed.network), weights(whole.network))
 
 
 def test_a_checkpoint_of_another_fit_or_cut_short_is_not_taken(tmp_path):

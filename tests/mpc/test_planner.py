@@ -6,6 +6,7 @@ import pytest
 
 from surefoot.config import ExpertConfig, Gait, KinematicConfig
 from surefoot.config.expert_rules import TROT_GAIN
+from surefoot.config.gait_table import GAITS
 from surefoot.mpc.ground_plane import NO_LEVER
 from surefoot.mpc.planner import PLAN_TICKS, Planner, to_heading_frame
 from surefoot.mpc.schedule import horizon
@@ -47,6 +48,15 @@ class TestPlanner(PlanContract):
 
     def make_robot(self):
         return ROBOT
+
+
+@pytest.mark.parametrize("seed", [None, 0])
+def test_a_gait_that_stands_takes_no_command(seed):
+    """Feet that stay where they are would only twist the body."""
+    standing_still = Planner(ROBOT, GAITS["stand"], CONFIG, FRICTION)
+    plan = standing_still.plan(start(seed), 0, Command(0.2, 0.1, 0.5))
+    assert plan.valid
+    assert same_bits(plan, standing_still.plan(start(seed), 0, Command()))
 
 
 @pytest.mark.parametrize("seed", [None, 0, 1, 2])

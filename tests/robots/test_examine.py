@@ -5,10 +5,12 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from surefoot.config import RobotConfig
 from surefoot.config.robot_table import A1, GO2, ROBOTS
+from surefoot.robots.canonical import BASE
 from surefoot.robots.description import find_urdf
 from surefoot.robots.examine import examine_robot
 from surefoot.robots.load import load_robot
@@ -57,6 +59,38 @@ def test_meshes_that_are_there_are_found_by_any_of_the_names_that_pinocchio_know
     shutil.copytree(folder, tmp_path / "example-robot-data" / "robots" / folder.name)
     assert "meshes" not in remarks_of(spec)
     assert visual_meshes(load_robot(spec))
+
+
+def test_meshes_without_a_package_are_found_in_a_folder_above(tmp_path):
+    """As Pinocchio finds them, where the URDF is in a folder beside that of the meshes."""
+
+    def edit(root):
+        for mesh in root.iterfind("link//geometry/mesh"):
+            mesh.set("filename", "meshes/" + mesh.get("filename").rpartition("/")[2])
+
+    (tmp_path / "urdf").mkdir()
+    for kind in ("visuals", "collisions"):
+        shutil.copytree(find_urdf(GO2).parents[1] / kind, tmp_path / "meshes", dirs_exist_ok=True)
+    spec = changed(tmp_path / "urdf", edit)
+    assert "meshes" not in remarks_of(spec)
+    assert visual_meshes(load_robot(spec))
+
+
+def test_the_mesh_of_a_locked_joint_is_where_the_joint_is_locked(tmp_path):
+    def add_arm(root):
+        name = root.find("link/collision/geometry/mesh").get("filename")
+        arm = f"""<robot><link name="arm">
+          <collision><geometry><mesh filename="{name}"/></geometry></collision></link>
+        <joint name="arm_joint" type="revolute"><parent link="base"/><child link="arm"/>
+          <axis xyz="0 1 0"/>
+          <limit lower="0.5" upper="1" effort="1" velocity="1"/></joint></robot>"""
+        root.extend(list(ElementTree.fromstring(arm)))
+
+    folder = find_urdf(GO2).parents[1]
+    shutil.copytree(folder, tmp_path / "example-robot-data" / "robots" / folder.name)
+    meshes = visual_meshes(load_robot(changed(tmp_path, add_arm)))
+    turned = [pin.log3(mesh.placement.rotation) for mesh in meshes if mesh.link == BASE]
+    assert any(np.allclose(turn, [0.0, 0.5, 0.0], atol=1e-9) for turn in turned)
 
 
 def test_meshes_that_are_missing_are_said_and_do_no_harm(tmp_path):

@@ -155,6 +155,19 @@ def test_each_rollout_has_an_expert_of_its_own():
     assert second.plans.tolist() == [1, 1, 1]
 
 
+def test_a_plan_function_may_be_an_object_that_counts_as_false():
+    class Log(list):
+        """Keeps what it was asked; at first, nothing."""
+
+        def __call__(self, state, tick, command):
+            self.append(tick)
+            return MotionPlan(np.tile(STANDING[7:], (100, 1)), *np.zeros((2, 100, 12)))
+
+    asked = Log()
+    play_out(replace(job_of(episodes=1, duration=0.01, tail=0.0), plan=asked))
+    assert len(asked) == 1
+
+
 def test_the_disturbance_that_episodes_bring_takes_the_place_of_the_drawn_one():
     job = job_of(episodes=2, disturbance=DisturbanceConfig(pushes=1, impulse=(0.1, 0.2), delay=4))
     drawn = disturbance_of(job)

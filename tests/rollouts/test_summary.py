@@ -6,9 +6,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from surefoot.config import Config
+from surefoot.config import Config, OtherGait
 from surefoot.config.array_io import load_arrays
 from surefoot.config.checked import known
+from surefoot.config.gait_table import GAITS
 from surefoot.files import save_arrays
 from surefoot.learning.frames import concatenate
 from surefoot.robots.scaling import with_own_values
@@ -20,6 +21,7 @@ from surefoot.rollouts.summary import (
     TILTED,
     EpisodeInfo,
     Summary,
+    covered,
     heading_drift,
     join_summaries,
     settled_part,
@@ -49,7 +51,7 @@ def synthetic(T=2000, tail=0, B=2, command=((0.2, 0.1, 0.3),) * 2, **changes):
     )
 
 
-def summary_of(rollouts, frames=None):
+def summary_of(rollouts, frames=None, config=CONFIG):
     B = len(rollouts.length)
     info = EpisodeInfo(
         episode=7 + np.arange(B),
@@ -59,7 +61,7 @@ def summary_of(rollouts, frames=None):
         invalid_plans=np.ones(B, int),
     )
     frames = concatenate([]) if frames is None else frames
-    return summarize(rollouts, frames, info, ROBOT, CONFIG)
+    return summarize(rollouts, frames, info, ROBOT, config)
 
 
 def test_velocities_are_those_of_the_heading_frame():
@@ -90,6 +92,16 @@ def test_mean_velocity_and_errors_of_a_known_motion():
     np.testing.assert_allclose(summary.mse[1], [0.0, 0.01, 0.09], atol=1e-12)
     np.testing.assert_allclose(summary.settled_mse[0], [0.0025, 0.0, 0.04], atol=1e-12)
     assert np.isnan(summary.settled_mse[1]).all()
+
+
+def test_a_robot_that_is_to_stand_has_no_velocity_to_follow():
+    rollouts = synthetic(command=((0.2, 0.1, 0.3),) * 2)
+    config = replace(CONFIG, gait=GAITS["trot"], other_gaits=(OtherGait(GAITS["stand"]),))
+    of_gait = replace(rollouts.starts, gait=np.array([0, 1]))
+    summary = summary_of(replace(rollouts, starts=of_gait), config=config)
+    np.testing.assert_allclose(summary.mse, [[0.04, 0.01, 0.09], [0.0, 0.0, 0.0]], atol=1e-12)
+    np.testing.assert_array_equal(summary.command, [[0.2, 0.1, 0.3], [0.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(covered(summary), [False, True])
 
 
 def test_the_tail_counts_in_ticks_and_in_nothing_else():

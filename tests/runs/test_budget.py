@@ -21,6 +21,7 @@ from surefoot.runs.layout import RunError
 from surefoot.runs.run import Run, create, open_run
 from surefoot.runs.sampling import draw_starts, expert_rollouts
 from surefoot.runs.stages import collect_data
+from surefoot.viz.replay import recorded_episode
 from surefoot.workers import Workers
 from tests.cases import first_often
 from tests.fakes.killed import Killed
@@ -231,6 +232,14 @@ def test_a_lost_shard_is_collected_again(limited, tmp_path):
     collect_data(run, i, collection(run, i), Workers(1))
     assert run.dataset.load([last]).hash == limited("loco_safe_dagger").dataset.load([last]).hash
     assert len(content) > 0
+
+
+def test_a_rollout_that_the_budget_did_not_pay_for_is_no_episode(limited):
+    run = limited("behavior_cloning")
+    episodes = collected(run, 0).episodes
+    assert recorded_episode(run.folder, episodes - 1, plan=plan).episode.tolist() == [episodes - 1]
+    with pytest.raises(ValueError, match=rf"no episode {episodes}; .* 0 to {episodes - 1}"):
+        recorded_episode(run.folder, episodes, plan=plan)
 
 
 def test_few_expert_seconds_are_not_collected_by_simulating_all_rollouts(tmp_path, monkeypatch):

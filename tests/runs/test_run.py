@@ -89,6 +89,13 @@ def test_a_run_is_resumed_with_its_own_configuration_only(tmp_path):
             create(tmp_path / "run", other, resume=True)
 
 
+def test_a_run_that_goes_on_on_another_device_warns(tmp_path):
+    run = create(tmp_path / "run", CONFIG)
+    run.append_metrics(replace(trained_record(0), device="an old GPU"))
+    with pytest.warns(UserWarning, match="was trained on an old GPU, and goes on on "):
+        create(run.folder, CONFIG, resume=True)
+
+
 def test_a_run_on_a_terrain_writes_down_the_ground_it_plans_on_and_one_without_does_not(tmp_path):
     hills = Config(simulation=SimulationConfig(terrain="slope:5"), training=FLOAT32)
     written = {}

@@ -39,6 +39,10 @@ class ExportData:
 
         if self.minari is None and self.lerobot is None:
             raise ValueError("export-data writes nothing without --minari FOLDER, --lerobot FOLDER")
+        if self.name is not None and self.minari is None:
+            raise ValueError("--name is the id of a Minari dataset: give --minari FOLDER, too")
+        if self.minari is not None and self.lerobot is not None:
+            check_apart(self.minari, self.lerobot)
         run = open_run(self.run)
         recorded = ON_ROBOT if (run.folder / ATTEMPTS_FILE).exists() else SIMULATED
         if self.lerobot is not None:
@@ -48,6 +52,23 @@ class ExportData:
         if self.lerobot is not None:
             show(export_lerobot(run.dataset, run.config, self.lerobot, recorded))
         return 0
+
+
+def check_apart(minari: Path, lerobot: Path) -> None:
+    """Check that the two datasets are not written into each other.
+
+    Args:
+        minari: The folder of Minari datasets.
+        lerobot: The new folder for the LeRobotDataset.
+
+    Raises:
+        ValueError: One lies in the other.
+    """
+    one, other = minari.resolve(), lerobot.resolve()
+    if one.is_relative_to(other) or other.is_relative_to(one):
+        raise ValueError(
+            f"--minari {minari} and --lerobot {lerobot} lie in each other: name two folders apart"
+        )
 
 
 def show(exported: Exported) -> None:

@@ -15,6 +15,7 @@ from surefoot.cli.command_line import read_options
 from surefoot.cli.options import OnGait, OnRobot, config_of_gait
 from surefoot.cli.outputs import Output, check_outputs
 from surefoot.config import Config, NumberFormat
+from surefoot.config.gait_table import gait_names
 from surefoot.files import write_json
 
 if TYPE_CHECKING:
@@ -105,7 +106,7 @@ class Fit(OnGait, OnRobot):
         config = self.with_robot(self.config)
         robot = load_robot(config.robot)
         config = with_own_values(config, robot)
-        check_robot(data, robot)
+        check_data(data, robot, gait_names(config.gaits))
         seed = self.seed_of(config)
         seen = training_data(config, data)
         spec = policy_spec(config)
@@ -159,21 +160,25 @@ class Fit(OnGait, OnRobot):
         return self.seed
 
 
-def check_robot(data: Dataset, robot: RobotModel) -> None:
-    """Check that a dataset was recorded with a robot: a dataset does not name its own.
+def check_data(data: Dataset, robot: RobotModel, gaits: Sequence[str]) -> None:
+    """Check that a dataset was recorded with a robot and in its gaits, which it does not name.
 
     Args:
         data: The dataset.
         robot: The robot.
+        gaits: The names of the gaits that the policy is to walk.
 
     Raises:
-        ValueError: The feet of its first frames are not where this robot has them.
+        ValueError: The feet of its first frames are not where this robot has them, or no frame is
+            of one of the gaits.
     """
     import numpy as np
 
     from surefoot.robots.geometry import state_of
 
+    walked: set[int] = set()
     for part in data.parts():
+        walked.update(np.unique(part.gait).tolist())
         frames = part[: min(len(part), 10)]
         feet = state_of(robot, frames.q, frames.v).feet
         away = float(np.abs(feet - frames.feet).max(initial=0.0))
@@ -183,6 +188,12 @@ def check_robot(data: Dataset, robot: RobotModel) -> None:
                 f"up to {away:.3f} m elsewhere. Name the robot with --robot; the logs of two "
                 "robots belong into two datasets"
             )
+    unseen = [name for number, name in enumerate(gaits) if number not in walked]
+    if unseen:
+        raise ValueError(
+            f"no frame in {data.folder} is of the gait {' or '.join(unseen)}, so the policy would "
+            "not learn it: leave it out of --gaits (imported logs are all of one gait)"
+        )
 
 
 def use_of(out: Path, result: FitResult, robot: RobotModel) -> PolicyUse:

@@ -46,8 +46,9 @@ class PushConfig(Checked):
     """[s] how long the robots trot before the push (the paper's research code); this is simulated
     once for all levels."""
     after: Duration = 1.6
-    """[s] how long a robot has to stay up and stepping after the push; if this is less than
-    `safety.stepping_from`, the stepping is not judged."""
+    """[s] how long a robot has to stay up and stepping after the push, and longer in a gait whose
+    steps take longer to judge; if this is less than `safety.stepping_from`, the stepping is not
+    judged."""
     duration: Duration = 0.01
     """[s] how long the force acts."""
     directions: Annotated[int, Within(1, 360)] = 8

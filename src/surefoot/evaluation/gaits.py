@@ -21,7 +21,7 @@ from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes, Rollout
 from surefoot.rollouts.jobs import Job, chunks_of, play_out
 from surefoot.rollouts.outcome import Outcome
-from surefoot.rollouts.summary import Summary, velocities
+from surefoot.rollouts.summary import Summary, commands_to_follow, velocities
 from surefoot.scenarios.gait_switches import draw_switches
 from surefoot.scenarios.gaits import all_starts_of, gait_of
 from surefoot.types import TICKS_PER_SECOND, Array, BoolArray, IntArray, PlanFunction, to_ticks
@@ -238,7 +238,10 @@ def switching_of(job: Job, parts: Sequence[_Walked]) -> Switching:
     success = outcome == Outcome.SUCCESS
     lost = (outcome == Outcome.FELL) | (outcome == Outcome.DIVERGED)
     names = gait_names(job.config.gaits)
-    command = job.starts.command
+    told = [
+        commands_to_follow(job.starts.command, np.array(number), job.config.gaits)
+        for number in range(len(names))
+    ]
     return Switching(
         seconds=job.episodes.duration,
         switches=job.config.switches,
@@ -249,7 +252,7 @@ def switching_of(job: Job, parts: Sequence[_Walked]) -> Switching:
         outcomes=as_digits(outcome),
         lost_at=tuple((length[lost] / TICKS_PER_SECOND).tolist()),
         speeds=tuple(
-            _speed(name, velocity[:, number], command) for number, name in enumerate(names)
+            _speed(name, velocity[:, number], told[number]) for number, name in enumerate(names)
         ),
     )
 

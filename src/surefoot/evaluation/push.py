@@ -26,7 +26,7 @@ from surefoot.robots.scaling import with_own_values
 from surefoot.rollouts.arbiters import ExpertOnly, PolicyOnly
 from surefoot.rollouts.episodes import Episodes, join_episodes
 from surefoot.rollouts.jobs import Job, chunks_of, disturbance_of, play_out, run_episodes
-from surefoot.rollouts.outcome import Outcome
+from surefoot.rollouts.outcome import Outcome, judged_from
 from surefoot.scenarios.disturbance import Pushes
 from surefoot.scenarios.starts import Starts, StartSet, starts_of
 from surefoot.types import Array, BoolArray, IntArray, PlanFunction, to_ticks
@@ -147,11 +147,24 @@ def branch_at_the_end(job: Job) -> tuple[Episodes, BoolArray]:
     up = rollouts.length > ticks
     robot = np.flatnonzero(up)
     elapsed = np.full(len(robot), ticks)
-    episodes = rollouts.branch(robot, elapsed, job.config.push.after, job.episode[up])
+    episodes = rollouts.branch(robot, elapsed, seconds_after(job.config), job.episode[up])
     if not (isinstance(job.policy, Policy) and job.policy.spec.remembers):
         # Otherwise every push would carry a past that nobody uses, 0.1 MB for each robot.
         episodes = replace(episodes, past=None)
     return episodes, up
+
+
+def seconds_after(config: Config) -> float:
+    """How long robots are watched after a push [s]: long enough to judge the steps of slow gaits.
+
+    Args:
+        config: Its `push.after` counts as it is where it is too short for any judgment.
+    """
+    shortest = config.safety.stepping_from
+    judged = judged_from(config.safety, *config.gaits)
+    if shortest is None or judged is None or config.push.after < shortest:
+        return config.push.after
+    return max(config.push.after, judged)
 
 
 def pushed_job(job: Job, angles: Array, impulses: Array) -> Job:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -9,7 +11,14 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from surefoot.config import Steps, TrainingConfig
+from surefoot.config.json_io import to_json
+from surefoot.learning.dataset import Dataset
+from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork, tensor_kinds
+from surefoot.learning.policy import PolicySpec
+from surefoot.learning.step import device_name, has_bfloat16
+from surefoot.learning.symmetry import Mirrored
 from surefoot.learning.tensor_file import (
     TensorKind,
     check_tensors,
@@ -20,6 +29,36 @@ from surefoot.learning.tensor_file import (
 
 Losses = list[tuple[float, float]]
 """Training and validation loss [rad] of every finished epoch."""
+
+
+def key_of(
+    network: PolicyNetwork,
+    data: Frames | Dataset | Mirrored,
+    config: TrainingConfig,
+    spec: PolicySpec,
+    epochs: int | Steps,
+    seed: int,
+    device: torch.device,
+) -> str:
+    """A hash of everything that the result of a fit depends on, as the key of its checkpoint.
+
+    Args:
+        network: The network that the fit starts from.
+        data: The frames.
+        config: The training, with the precision that was chosen.
+        spec: How inputs and targets follow from frames.
+        epochs: The number of epochs or steps.
+        seed: The seed of the fit.
+        device: The device that the network is trained on.
+    """
+    platform = [torch.__version__, device_name(device), has_bfloat16(device)]
+    past = [data.ticks_hash] if spec.remembers else []
+    inputs = [data.hash, *past, config, spec, epochs, seed, *platform]
+    sha = hashlib.sha256()
+    for tensor in network.state_dict().values():
+        sha.update(tensor.cpu().numpy().tobytes())
+    sha.update(json.dumps(to_json(inputs)).encode())
+    return sha.hexdigest()
 
 
 def save_checkpoint(
@@ -78,6 +117,14 @@ def load_checkpoint(
     groups = optimizer.state_dict()["param_groups"]
     optimizer.load_state_dict({"state": state, "param_groups": groups})
     return losses
+
+
+def key_in(path: Path) -> str | None:
+    """The key of a checkpoint; None without a file that can be read."""
+    try:
+        return read_tensor_file(path)[1].get("key")
+    except (OSError, ValueError, OverflowError):
+        return None
 
 
 def _expected(network: PolicyNetwork) -> Iterator[TensorKind]:

@@ -78,7 +78,8 @@ def choose_precision(network: PolicyNetwork, config: TrainingConfig) -> Precisio
     if config.precision == "bfloat16" and not possible:
         raise ValueError(
             f"training.precision is bfloat16, for which {device_name(device)} has no instructions; "
-            "use auto or float32"
+            "use auto or float32. A run keeps the format that it began with: let it go on without "
+            "this device (CUDA_VISIBLE_DEVICES= hides it)"
         )
     if config.precision != "auto":
         return PrecisionChoice(config.precision)

@@ -10,22 +10,20 @@ target, and ``step.py`` for the single step.
 from __future__ import annotations
 
 import copy
-import hashlib
-import json
 import math
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from surefoot.config import NumberFormat, Steps, TrainingConfig
-from surefoot.config.json_io import to_json
-from surefoot.learning.checkpoint import Losses, load_checkpoint, save_checkpoint
+from surefoot.learning.checkpoint import Losses, key_in, key_of, load_checkpoint, save_checkpoint
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames
 from surefoot.learning.network import PolicyNetwork
@@ -36,7 +34,6 @@ from surefoot.learning.step import (
     TrainingStep,
     choose_device,
     device_name,
-    has_bfloat16,
     make_optimizer,
     torch_threads,
 )
@@ -147,11 +144,19 @@ def fit(
         # An epoch has as many steps with images as without, so it covers half of all rows.
         steps = epochs * (max(1, batches // 2) if isinstance(data, Mirrored) else batches)
     passes = math.ceil(steps / batches)
-    precision = choose_precision(network, config).chosen
-    config = replace(config, precision=precision)
-    key = ""
+    keys: dict[NumberFormat, str] = {}
+    begun_in = None
     if checkpoint is not None:
-        key = _key_of(network, data, config, spec, epochs, seed, device)
+        for each in get_args(NumberFormat):
+            own = replace(config, precision=each)
+            keys[each] = key_of(network, data, own, spec, epochs, seed, device)
+        kept = key_in(checkpoint)
+        begun_in = next((each for each in keys if keys[each] == kept), None)
+    if config.precision == "auto" and begun_in is not None:
+        precision = begun_in  # timed anew, the other format could win, and all would be lost
+    else:
+        precision = choose_precision(network, config).chosen
+    config = replace(config, precision=precision)
     network = copy.deepcopy(network).to(device)
     losses: Losses = []
     with torch_threads(config.threads):
@@ -161,7 +166,7 @@ def fit(
             network.set_normalizers(mean[:inputs], deviation[:inputs])
         optimizer = make_optimizer(network, config, device)
         if checkpoint is not None:
-            losses = load_checkpoint(checkpoint, key, network, optimizer)
+            losses = load_checkpoint(checkpoint, keys[precision], network, optimizer)
         step = TrainingStep(network, optimizer, config.batch, precision, device)
         for epoch in range(len(losses), passes):
             network.train()
@@ -174,7 +179,7 @@ def fit(
                     f"{config.learning_rate}, and look for frames far outside the rest"
                 )
             if checkpoint is not None:
-                save_checkpoint(checkpoint, key, network, optimizer, losses)
+                save_checkpoint(checkpoint, keys[precision], network, optimizer, losses)
             if progress is not None:
                 progress(epoch + 1, passes, *losses[-1])
     return FitResult(
@@ -360,33 +365,3 @@ def _generator(seed: int, epoch: int, stream: int = 0) -> torch.Generator:
     entropy = [seed, epoch, stream] if stream else [seed, epoch]
     number = np.random.SeedSequence(entropy).generate_state(1, np.uint64)[0]
     return torch.Generator().manual_seed(int(number))
-
-
-def _key_of(
-    network: PolicyNetwork,
-    data: Frames | Dataset | Mirrored,
-    config: TrainingConfig,
-    spec: PolicySpec,
-    epochs: int | Steps,
-    seed: int,
-    device: torch.device,
-) -> str:
-    """A hash of everything that the result of a fit depends on, as the key of its checkpoint.
-
-    Args:
-        network: The network that the fit starts from.
-        data: The frames.
-        config: The training, with the precision that was chosen.
-        spec: How inputs and targets follow from frames.
-        epochs: The number of epochs or steps.
-        seed: The seed of the fit.
-        device: The device that the network is trained on.
-    """
-    platform = [torch.__version__, device_name(device), has_bfloat16(device)]
-    past = [data.ticks_hash] if spec.remembers else []
-    inputs = [data.hash, *past, config, spec, epochs, seed, *platform]
-    sha = hashlib.sha256()
-    for tensor in network.state_dict().values():
-        sha.update(tensor.cpu().numpy().tobytes())
-    sha.update(json.dumps(to_json(inputs)).encode())
-    return sha.hexdigest()

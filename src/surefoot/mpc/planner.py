@@ -33,7 +33,7 @@ from surefoot.mpc.footholds import (
 from surefoot.mpc.ground_plane import LEVEL, NO_LEVER, GroundPlane, plane_under
 from surefoot.mpc.interpolation import NodeRows, interpolate
 from surefoot.mpc.kinematics import KinematicPlan, KinematicProblem, KinematicSolver
-from surefoot.mpc.schedule import horizon, node_ticks
+from surefoot.mpc.schedule import horizon, node_ticks, stands
 from surefoot.robots.dynamics import centroidal_momentum, inverse_dynamics
 from surefoot.robots.model import RobotModel
 from surefoot.robots.rigid import center_of_mass, difference, feet, legs_of, masses_of
@@ -112,6 +112,7 @@ class Planner:
         self._gait = gait
         self._config = config
         self._friction = friction
+        self._stands = stands(gait)
         self._horizon = horizon(gait, config)
         self._mass = robot.mass
         hips = hip_offsets(robot, config.hip_outward)
@@ -140,11 +141,13 @@ class Planner:
         Args:
             state: The state of one robot, in any heading.
             tick: The gait clock [ms].
-            command: The command in the heading frame.
+            command: The command in the heading frame; a gait that stands takes none.
             previous: A plan to start from, in real time (`warm_start`); the result agrees with the
                 cold one within tolerances. With it, 2 `kinematic.max_iterations` are as good as 3.
         """
         clock = [perf_counter()]
+        if self._stands:  # feet that stay where they are would hold the body back, and twist it
+            command = Command()
         q = to_heading_frame(state.q)
         v = state.v
         velocity = planned_velocity(self._config, command)

@@ -115,18 +115,31 @@ def _check_joints(description: Description, spec: RobotSpec) -> None:
 
 def _locked(model: pin.Model, names: tuple[str, ...]) -> pin.Model:
     """The model with all joints but these locked, at zero or the nearest angle in their limits."""
-    others = [joint for joint in range(2, model.njoints) if model.names[joint] not in names]
-    if not others:
-        return model
+    others = _others(model, names)
+    return pin.buildReducedModel(model, others, locked_pose(model, names)) if others else model
+
+
+def locked_pose(model: pin.Model, names: tuple[str, ...]) -> Array:
+    """The configuration in which joints are locked: at zero or the nearest angle in their limits.
+
+    Args:
+        model: The model with all joints of a description.
+        names: The joints that are not locked; they are at zero here.
+    """
     q = pin.neutral(model)
-    for joint in others:
+    for joint in _others(model, names):
         if model.joints[joint].nq == 1:
             index = model.joints[joint].idx_q
             low = model.lowerPositionLimit[index]
             high = model.upperPositionLimit[index]
             if low <= high:
                 q[index] = min(max(0.0, low), high)
-    return pin.buildReducedModel(model, others, q)
+    return q
+
+
+def _others(model: pin.Model, names: tuple[str, ...]) -> list[int]:
+    """The joints of a model with other names than these."""
+    return [joint for joint in range(2, model.njoints) if model.names[joint] not in names]
 
 
 def _check_chains(source: pin.Model, feet: list[int], spec: RobotSpec, where: str) -> None:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from surefoot.robots.canonical import BASE, PARTS
+from surefoot.robots.canonical import BASE, PARTS, locked_pose
 from surefoot.robots.description import read_description, read_urdf
 from surefoot.robots.model import RobotModel
 from surefoot.types import LEGS, Array, IntArray
@@ -69,7 +69,8 @@ def missing_meshes(path: Path) -> tuple[int, list[str]]:
     missing = []
     for name in sorted(names):
         scheme, _, inside = name.rpartition("://")
-        folders = path.parents if scheme in ("package", "model") else (path.parent,)
+        # Pinocchio looks for a name without a scheme below the packages, too.
+        folders = path.parents if scheme in ("", "package", "model") else (path.parent,)
         if not any((folder / inside).is_file() for folder in folders):
             missing.append(name)
     return len(names), missing
@@ -87,7 +88,7 @@ def _meshes(robot: RobotModel, kind: pin.GeometryType) -> list[Mesh]:
     links = [f"{leg}_{part}" for leg in LEGS for part in PARTS]
     link_of = dict(zip(robot.spec.source_joints, links, strict=True))
     data = source.createData()
-    pin.forwardKinematics(source, data, pin.neutral(source))
+    pin.forwardKinematics(source, data, locked_pose(source, robot.spec.source_joints))
     meshes = []
     for visual in geometry.geometryObjects:
         if not visual.meshPath or visual.geometry.getObjectType().name != "OT_BVH":

@@ -233,7 +233,8 @@ def play_out(job: Job, progress: Callable[[int], object] | None = None) -> tuple
     config = _own(job.config)
     robot = _robot(config.robot)
     ground = ground_of(job)
-    expert = make_expert(robot, config, job.plan or _plan(config))
+    # A plan function may be an object that counts as false, such as a list that can be called.
+    expert = make_expert(robot, config, _plan(config) if job.plan is None else job.plan)
     fall_angle = max(config.safety.fall_angle, job.disturbance.fall_angle)
     rollouts = rollout(
         make_simulator(robot, len(job.episodes), config.simulation, ground),

@@ -14,9 +14,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from surefoot.config import Config, SafetyConfig
+from surefoot.config import Config, Gait, SafetyConfig
 from surefoot.config.array_io import Shape
 from surefoot.learning.frames import Frames
+from surefoot.mpc.schedule import stands
 from surefoot.robots.model import RobotModel
 from surefoot.rollouts.episodes import Rollout
 from surefoot.rollouts.latching import first_latches
@@ -51,7 +52,8 @@ class Summary:
         start: ``(n,)`` ids of the initial states.
         query: ``(n,)`` True for the expert's rollouts from states of other episodes (LocoDAGGER).
         expert: ``(n,)`` name of the MPC whose plans the expert follows.
-        command: ``(n, 3)`` velocity command [m/s, m/s, rad/s].
+        command: ``(n, 3)`` velocity command [m/s, m/s, rad/s], as `commands_to_follow` gives it for
+            the gait in which an episode begins.
         outcome: ``(n,)`` values of `Outcome`.
         ticks: ``(n,)`` number of ticks simulated, tail included [ms].
         proper_ticks: ``(n,)`` number of ticks simulated before the tail [ms].
@@ -195,7 +197,9 @@ def summarize(
     last = np.maximum(rollouts.length - 1, 0)
     before = np.maximum(rollouts.length - 1 - TICKS_PER_SECOND // 2, 0)
     velocity = velocities(rollouts)[:, :T]
-    error = (velocity - rollouts.starts.command[:, None]) ** 2
+    command = rollouts.starts.command
+    told = commands_to_follow(command[:, None], rollouts.gait[:, :T], config.gaits)
+    error = (velocity - told) ** 2
     settled = proper & (np.arange(T) >= TICKS_PER_SECOND)
     torque = np.abs(rollouts.torque[:, :T]).max(axis=2)
     feet_height = rollouts.feet[:, :T, :, 2]
@@ -213,7 +217,7 @@ def summarize(
         start=rollouts.starts.id,
         query=np.full(B, info.query),
         expert=np.full(B, info.expert),
-        command=rollouts.starts.command,
+        command=commands_to_follow(command, rollouts.starts.gait, config.gaits),
         outcome=rollouts.outcome,
         ticks=rollouts.length,
         proper_ticks=proper.sum(axis=1),
@@ -271,6 +275,18 @@ def _mean(values: Array, mask: BoolArray) -> Array:
     total = np.where(mask[..., None], values, 0.0).sum(axis=1)
     count = mask.sum(axis=1)[:, None]
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
+
+
+def commands_to_follow(command: Array, gait: IntArray, gaits: Sequence[Gait]) -> Array:
+    """``(..., 3)`` the commands that robots are to follow: zero in a gait that stands.
+
+    Args:
+        command: ``(..., 3)`` velocity commands [m/s, m/s, rad/s].
+        gait: ``(...)`` the numbers of the gaits that the robots are to walk.
+        gaits: The gaits.
+    """
+    standing = np.array([stands(each) for each in gaits])
+    return np.where(standing[gait][..., None], 0.0, command)
 
 
 def velocities(rollouts: Rollout) -> Array:

@@ -8,7 +8,6 @@ opened again resumes at the first stage that is not done, and ends with the same
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -53,7 +52,7 @@ from surefoot.runs.metrics import (
 from surefoot.runs.own_robot import keep_robot, with_own_robot
 from surefoot.runs.precision import choose_for_run, with_precision_of
 from surefoot.runs.setup import Setup, has_setup, read_setup
-from surefoot.runs.versions import changed_versions, versions
+from surefoot.runs.versions import versions, warn_of_device, warn_of_versions
 from surefoot.scenarios.seeds import seed_of
 
 Record = TypeVar("Record", bound=StageRecord)
@@ -298,6 +297,7 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
         if not other:
             check_same_starts(folder, before.config, before.setup.starts_hash)
             warn_of_versions(before)
+            warn_of_device(before)
             return before
     keep_robot(folder, config)
     config, written, starts_hash = keep_starts(folder, config)
@@ -348,17 +348,6 @@ def run_of_policy(policy: Path) -> Run | None:
     policy = policy.resolve()
     folder = policy.parent if policy.name == KEPT_POLICY_FILE else policy.parent.parent
     return open_run(folder) if has_setup(folder) else None
-
-
-def warn_of_versions(run: Run) -> None:
-    """Warn if a run was begun with other versions than those installed now."""
-    differences = changed_versions(run.setup.versions, run.config.simulation.backend)
-    if differences:
-        warnings.warn(
-            f"{run.folder} was begun with other versions ({'; '.join(differences)}); what follows "
-            "will not be the same bits as with those",
-            stacklevel=3,
-        )
 
 
 def check_folder(folder: Path, resume: bool) -> None:

@@ -6,11 +6,17 @@ They are written into a run's ``config.json`` and compared when the run is resum
 from __future__ import annotations
 
 import platform
+import warnings
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from surefoot.config import Backend
+from surefoot.runs.metrics import Trained
+
+if TYPE_CHECKING:
+    from surefoot.runs.run import Run
 
 PACKAGES = ("surefoot", "numpy", "scipy", "pin", "mujoco", "numba", "torch", "onnxruntime", "h5py")
 """Packages whose versions decide the bits of a result."""
@@ -52,6 +58,31 @@ def changed_versions(before: Mapping[str, str], backend: Backend) -> list[str]:
         for name in dict.fromkeys([*before, *now])
         if before.get(name) != now.get(name)
     ]
+
+
+def warn_of_versions(run: Run) -> None:
+    """Warn if a run was begun with other versions than those installed now."""
+    differences = changed_versions(run.setup.versions, run.config.simulation.backend)
+    if differences:
+        warnings.warn(
+            f"{run.folder} was begun with other versions ({'; '.join(differences)}); what follows "
+            "will not be the same bits as with those",
+            stacklevel=3,
+        )
+
+
+def warn_of_device(run: Run) -> None:
+    """Warn if a run was last trained on another device than the one that trains it now."""
+    from surefoot.learning.step import choose_device, device_name  # loads PyTorch
+
+    trained = [record for record in run.metrics if isinstance(record, Trained)]
+    device = device_name(choose_device(run.config.training.device))
+    if trained and trained[-1].device not in ("", device):
+        warnings.warn(
+            f"{run.folder} was trained on {trained[-1].device}, and goes on on {device}; what "
+            "follows will not be the same bits as there",
+            stacklevel=3,
+        )
 
 
 def processor() -> str:

@@ -28,7 +28,8 @@ from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.metrics import Collected
 from surefoot.runs.own_expert import check_expert
 from surefoot.runs.query import Query
-from surefoot.runs.run import Run, open_run, warn_of_versions
+from surefoot.runs.run import Run, open_run
+from surefoot.runs.versions import warn_of_versions
 from surefoot.scenarios.starts import Starts, at_rest
 from surefoot.types import TICKS_PER_SECOND, Command, PlanFunction
 
@@ -114,6 +115,8 @@ def recorded_episode(
         )
     check_expert(run, plan)
     warn_of_versions(run)
+    if run.config.budget.expert_seconds is not None:
+        job = job[np.arange(collected.episodes)]  # those that it paid for
     alone = _alone(job, place)
     if alone is None:
         raise ValueError(f"{folder} has no episode {place.number}; {_range_of(job, place)}")

@@ -222,6 +222,15 @@ def test_whole_numbers_may_be_written_with_an_exponent(tmp_path):
         read_sensor_log(path)
 
 
+def test_blank_lines_of_a_text_say_nothing(tmp_path):
+    path = tmp_path / "log.csv"
+    log = smooth_log(4)
+    write_sensor_log(log, path)
+    head, first, *others = path.read_text().splitlines()
+    path.write_text("\n".join([head, first, "", *others, "", ""]))
+    assert_same(read_sensor_log(path), log)
+
+
 def test_a_text_may_begin_with_the_mark_of_its_encoding(tmp_path):
     path = tmp_path / "log.csv"
     log = smooth_log(4)

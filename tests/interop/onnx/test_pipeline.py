@@ -7,16 +7,18 @@ import numpy as np
 import onnx
 import pytest
 
+from surefoot.config import Config, SimulationConfig
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.interop.logs.replay import run_pipeline, run_runtime, sensors_of
-from surefoot.interop.onnx.pipeline import GAIT, MEMORY_IN, MEMORY_OUT, input_names
+from surefoot.interop.onnx.file import describe
+from surefoot.interop.onnx.pipeline import GAIT, MEMORY_IN, MEMORY_OUT, input_names, pipeline_model
 from surefoot.interop.onnx.runner import PipelineRunner
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.onnx_graph import runner
 from surefoot.learning.policy import Policy
 from surefoot.types import GaitCommand
-from tests.fakes.exports import GAITS, exported, policy_of, smooth_log
+from tests.fakes.exports import GAITS, exported, policy_of, robot_of, smooth_log
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -69,6 +71,19 @@ def test_a_height_above_the_feet_is_no_input_of_a_pipeline(tmp_path):
     with pytest.raises(ValueError, match="sees the height above its loaded feet"):
         exported(tmp_path, "full", "pipeline", policy=above_feet("full"))
     exported(tmp_path, "proprioceptive", "pipeline", policy=above_feet("proprioceptive"))
+
+
+def test_after_a_training_on_a_terrain_the_height_is_above_the_feet(tmp_path):
+    """There a rollout measures all heights so, whatever the policy's own rule is."""
+    hills = Config(simulation=SimulationConfig(terrain="slope:0..10"))
+    path, policy = exported(tmp_path)
+    assert policy.spec.observation.height == "absolute"
+    description = describe(policy, tmp_path / "policy.safetensors", robot_of(), hills)
+    assert description.height == "above_feet"
+    assert description.spec.foot_radius == robot_of().foot_radius
+    assert read_export(path).description.height == "absolute"
+    with pytest.raises(ValueError, match="as all do that were trained on a terrain"):
+        pipeline_model(policy, description)
 
 
 def test_a_proprioceptive_pipeline_asks_the_imu_and_its_memory(tmp_path):

@@ -317,7 +317,7 @@ def _from_csv(text: str) -> dict[str, NDArray]:
     head = next(reader, [])
     if len(set(head)) < len(head):
         raise ValueError("a column is there twice")
-    rows = list(reader)
+    rows = [row for row in reader if row]  # without blank lines
     if any(len(row) != len(head) for row in rows):
         raise ValueError("not every row has as many values as there are columns")
     columns: dict[str, dict[str, list[Any]]] = {}

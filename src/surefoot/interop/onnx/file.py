@@ -93,8 +93,8 @@ def describe(
         policy_file: Its file, for the hash.
         robot: Its robot; the limits are never wider than those of its hardware profile, if it has
             one, and those that the policy was trained within.
-        config: The configuration that it was trained with, for the split in which episodes began
-            and the delay.
+        config: The configuration that it was trained with, for the split in which episodes began,
+            the delay, and the terrain, on which all heights are above the feet.
         stored: The sets of initial states that it was trained from, one for each of its gaits;
             empty if they are unknown.
         kind: What the graph will hold.
@@ -111,6 +111,8 @@ def describe(
     _check_starts(stored, policy)
     torque, speed, position = _limits(robot, policy)
     spec = policy.spec.observation
+    if config.simulation.terrain is not None:  # a rollout on it measured all heights so
+        spec = replace(spec, height="above_feet", foot_radius=robot.foot_radius)
     terms = layout_terms(spec)
     low, high = policy.command_range.tolist()
     return PolicyDescription(

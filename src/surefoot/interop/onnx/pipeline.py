@@ -57,12 +57,12 @@ def pipeline_model(policy: Policy, description: PolicyDescription) -> OnnxModel:
         ValueError: The policy sees its height above its feet, which no input of the graph has.
     """
     spec = policy.spec.observation
-    if spec.height == "above_feet" and "base_height" in spec.layout.parts:
+    if description.height == "above_feet" and "base_height" in spec.layout.parts:
         raise ValueError(
-            "the policy sees the height above its loaded feet, but the controllers that a pipeline "
-            "is for give the height in the world: export the network alone, with --onnx and "
-            "without --pipeline, and give it that height; or train with --config.policy.layout "
-            "proprioceptive, which sees no height"
+            "the policy sees the height above its loaded feet, as all do that were trained on a "
+            "terrain, but the controllers that a pipeline is for give the height in the world: "
+            "export the network alone, with --onnx and without --pipeline, and give it that "
+            "height; or train with --config.policy.layout proprioceptive, which sees no height"
         )
     history = spec.layout.history
     graph = GraphBuilder()
