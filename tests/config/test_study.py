@@ -7,6 +7,7 @@ import pytest
 
 from surefoot.config.json_io import from_json, to_json
 from surefoot.config.presets import preset
+from surefoot.config.studies import named_study
 from surefoot.config.study import (
     Measurement,
     PlannedComparison,
@@ -50,6 +51,13 @@ def test_a_cell_has_the_preset_the_options_of_its_technique_then_those_of_its_se
 def test_the_expert_has_a_configuration_though_it_has_no_method():
     expert = Technique("expert", "expert", "expert", "paper")
     assert config_of(expert, Setting("all", "all")).simulation.backend == "bullet"
+
+
+def test_the_papers_claims_need_its_techniques():
+    study = named_study("paper")
+    fewer = tuple(each for each in study.techniques if each.name != "loco_safe_dagger")
+    with pytest.raises(ValueError, match="no technique 'loco_safe_dagger'"):
+        replace(study, techniques=fewer, comparisons=())
 
 
 def test_a_measurement_changes_only_its_options():

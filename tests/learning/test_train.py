@@ -11,7 +11,7 @@ import pytest
 import torch
 
 import surefoot.learning.train as train_module
-from surefoot.config import Steps, TrainingConfig
+from surefoot.config import NumberFormat, Steps, TrainingConfig
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.frames import Frames, concatenate
 from surefoot.learning.layouts import LAYOUTS
@@ -519,7 +519,8 @@ def test_a_fit_goes_on_in_the_format_that_it_began_with(tmp_path, monkeypatch):
     """Where both formats are about equally fast, the next timing may name the other one."""
     config = replace(TRAINING, precision="auto")
     path = tmp_path / "fit.safetensors"
-    choices = iter(["bfloat16", "float32"])
+    formats: list[NumberFormat] = ["bfloat16", "float32"]
+    choices = iter(formats)
 
     def chosen(*_):
         return PrecisionChoice(next(choices))

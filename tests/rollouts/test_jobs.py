@@ -161,7 +161,8 @@ def test_a_plan_function_may_be_an_object_that_counts_as_false():
 
         def __call__(self, state, tick, command):
             self.append(tick)
-            return MotionPlan(np.tile(STANDING[7:], (100, 1)), *np.zeros((2, 100, 12)))
+            still = np.zeros((100, 12))
+            return MotionPlan(np.tile(STANDING[7:], (100, 1)), still, still)
 
     asked = Log()
     play_out(replace(job_of(episodes=1, duration=0.01, tail=0.0), plan=asked))

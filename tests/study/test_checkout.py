@@ -44,6 +44,27 @@ def test_code_that_is_lost_is_checked_out_again(checkout, tmp_path):
     assert (source / "code.py").exists()
 
 
+def test_a_checkout_or_a_study_that_has_been_moved_goes_on(checkout, tmp_path):
+    commit = clean_commit(checkout)
+    check_out(checkout, commit, tmp_path / "study")
+    moved = checkout.rename(tmp_path / "moved")
+    source = check_out(moved, commit, tmp_path / "study")
+    assert git(source, "rev-parse", "HEAD") == commit
+    (tmp_path / "study").rename(tmp_path / "elsewhere")
+    source = check_out(moved, commit, tmp_path / "elsewhere")
+    assert (source / "code.py").read_text() == "VALUE = 1\n"
+
+
+def test_code_that_is_no_worktree_any_more_may_be_deleted(checkout, tmp_path):
+    """As after the study was moved, and git has forgotten it since."""
+    commit = clean_commit(checkout)
+    check_out(checkout, commit, tmp_path / "study")
+    (tmp_path / "study").rename(tmp_path / "elsewhere")
+    git(checkout, "worktree", "prune")
+    with pytest.raises(StudyError, match="delete it, and the same command makes it again"):
+        check_out(checkout, commit, tmp_path / "elsewhere")
+
+
 def test_code_that_git_was_killed_in_writing_is_completed(checkout, tmp_path):
     commit = clean_commit(checkout)
     source = check_out(checkout, commit, tmp_path / "study")

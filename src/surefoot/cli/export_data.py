@@ -64,7 +64,8 @@ def check_apart(minari: Path, lerobot: Path) -> None:
     Raises:
         ValueError: One lies in the other.
     """
-    one, other = minari.resolve(), lerobot.resolve()
+    one = minari.resolve()
+    other = lerobot.resolve()
     if one.is_relative_to(other) or other.is_relative_to(one):
         raise ValueError(
             f"--minari {minari} and --lerobot {lerobot} lie in each other: name two folders apart"

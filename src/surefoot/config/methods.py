@@ -40,7 +40,7 @@ class ExpertData(Checked):
     nominal: bool
     """Add one unperturbed rollout for each command, from standing still, whatever `starts` is."""
     duration: Duration
-    """[s] how long a rollout lasts."""
+    """[s] how long a rollout lasts; in one shorter than `safety.grace` no fall is seen."""
 
     def __post_init__(self) -> None:
         """Check the fields, and that there is a rollout at all."""
@@ -201,7 +201,7 @@ class LocoDaggerConfig(IterativeConfig):
     N_query: Annotated[int, Within(1, 600)] = 5
     """Expert rollouts from different states of each rollout (paper); fewer if it ended early."""
     T_query: Duration = 1.0
-    """[s] how long each of them lasts (paper)."""
+    """[s] how long each of them lasts (paper); one shorter than `safety.grace` never fails."""
     before_fall: Seconds = 0.2
     """[s] how long before a failure the states are sampled at the latest."""
 

@@ -1,6 +1,7 @@
 """The studies with a small budget, where methods and observations differ most.
 
-All techniques have equal expert-seconds and equal steps of training. `regimes_study` compares
+All techniques have equal expert-seconds and equal steps of training; of those that iterate, an
+earlier policy may be the best one, and is then reported. `regimes_study` compares
 methods by what their data begin with; `sensors_study` compares what the policy sees. On the same
 terms, `options_study` asks what options of the best methods are worth.
 """

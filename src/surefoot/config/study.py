@@ -35,6 +35,8 @@ Measure = Literal["robustness", "impulse", "imitation"]
 withstand; the deviation from the expert's targets in states that the expert visits."""
 EXPERT = "expert"
 """The technique that is the expert itself: it is measured, but there is nothing to train."""
+PAPER_TECHNIQUES = ("behavior_cloning", "loco_dagger-0.5", "loco_dagger-0.8", "loco_safe_dagger")
+"""The techniques that the paper's claims are about, by their names in the study `paper`."""
 RESERVED = (
     "runs",
     "jobs",
@@ -213,6 +215,9 @@ class StudyConfig(Checked):
                 )
             self.setting(comparison.setting)
             self.measurement(comparison.measurement)
+        if self.claims == "paper":
+            for name in PAPER_TECHNIQUES:
+                self.technique(name)
         for technique in self.techniques:
             for setting in self.settings:
                 config = config_of(technique, setting)

@@ -246,10 +246,7 @@ class Bridge:
         self.peer = None
 
     def close(self) -> None:
-        """Damp the joints, and close the channel.
-
-        Motors keep their last command, and a driver may fail or lose a write: there are many.
-        """
+        """Damp the joints, often, as a write may fail or get lost, and close the channel."""
         self._latch(protocol.DRIVER)
         for _ in range(LAST_WRITES):
             with suppress(Exception):

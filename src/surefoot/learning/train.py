@@ -145,13 +145,14 @@ def fit(
         steps = epochs * (max(1, batches // 2) if isinstance(data, Mirrored) else batches)
     passes = math.ceil(steps / batches)
     keys: dict[NumberFormat, str] = {}
-    begun_in = None
+    begun_in: NumberFormat | None = None
     if checkpoint is not None:
         for each in get_args(NumberFormat):
             own = replace(config, precision=each)
             keys[each] = key_of(network, data, own, spec, epochs, seed, device)
         kept = key_in(checkpoint)
         begun_in = next((each for each in keys if keys[each] == kept), None)
+    precision: NumberFormat
     if config.precision == "auto" and begun_in is not None:
         precision = begun_in  # timed anew, the other format could win, and all would be lost
     else:

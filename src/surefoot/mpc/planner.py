@@ -46,13 +46,11 @@ LAST_NODE = 3
 """The node at or beyond the last tick of a plan, even where the first node is the shortest."""
 MOST_TORQUE = 10.0
 """A valid plan may ask for this many times the motor limit. No motor gives that much, but a plan
-that will be clipped can still save a robot that has no other. Measured: 1.7 times from initial
-states perturbed 1.5 times as much as the paper's; 3.4 times after pushes of 5 N s, half of which
-end in a fall."""
+that will be clipped can still save a robot that has no other. Measured: 1.7 times from states
+perturbed 1.5 times as much as the paper's; 3.4 times after pushes of 5 N s (half end in a fall)."""
 LARGEST_FLOAT = float(np.finfo(np.float64).max)
 FARTHEST_JOINT = 2.0 * np.pi
-"""[rad] The largest distance of a joint from its nominal angle in a valid plan. Beyond a turn a leg
-would have to unwind."""
+"""[rad] Largest distance of a joint from its nominal angle in a valid plan: at most a turn."""
 
 
 @dataclass(frozen=True)
@@ -146,8 +144,7 @@ class Planner:
                 cold one within tolerances. With it, 2 `kinematic.max_iterations` are as good as 3.
         """
         clock = [perf_counter()]
-        if self._stands:  # feet that stay where they are would hold the body back, and twist it
-            command = Command()
+        command = Command() if self._stands else command  # one would only twist a standing body
         q = to_heading_frame(state.q)
         v = state.v
         velocity = planned_velocity(self._config, command)

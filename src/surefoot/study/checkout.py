@@ -69,6 +69,8 @@ def check_out(root: Path, commit: str, folder: Path) -> Path:
         StudyError: The checkout does not have the commit, or git fails.
     """
     code = (folder / CODE_FOLDER).resolve()
+    if (code / ".git").exists() and _git(code, "rev-parse", "HEAD") is None:
+        _git(root, "worktree", "repair", str(code))  # one of the two has been moved
     if _git(code, "rev-parse", "HEAD") != commit or not (code / "src").is_dir():
         _git(root, "worktree", "prune")
         try:
@@ -84,7 +86,8 @@ def check_out(root: Path, commit: str, folder: Path) -> Path:
                 error.stderr.strip() if isinstance(error, subprocess.CalledProcessError) else error
             )
             raise StudyError(
-                f"the code of commit {commit} cannot be checked out into {code}: {reason}"
+                f"the code of commit {commit} cannot be checked out into {code}: {reason}. If the "
+                "folder is there, delete it, and the same command makes it again"
             ) from error
     elif _git(code, "status", "--porcelain", "--", "src") != "":
         _restore(code)

@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from surefoot.config.study import PAPER_TECHNIQUES
 from surefoot.study.claims import (
     ABOVE_ZERO,
     BELOW_ZERO,
@@ -50,8 +51,6 @@ YAW: Axis = 2
 SPEED = NumberStyle("thousandths of m²/s²", 1000.0, 3)
 YAW_RATE = NumberStyle("thousandths of rad²/s²", 1000.0, 3)
 IMPULSE = NumberStyle("N s", 1.0, 2)
-ALL = (BC, LOCO_HALF, LOCO_MOST, SAFE)
-"""All techniques that learn."""
 
 section_b = partial(Statement, "V-B")
 section_c = partial(Statement, "V-C")
@@ -71,7 +70,7 @@ def robustness_claims(paper: PaperRuns) -> tuple[Claim, ...]:
                 paper.success(each, first=True),
                 "The last policy against the first.",
             )
-            for each in ALL
+            for each in PAPER_TECHNIQUES
         ),
         *(
             judge_mean(
@@ -113,7 +112,7 @@ def tracking_claims(paper: PaperRuns) -> tuple[Claim, ...]:
     def errors(axis: Axis, techniques: Sequence[str]) -> list[Sample]:
         return [paper.error(technique, axis) for technique in techniques]
 
-    def settled(axis: Axis, techniques: Sequence[str] = ALL) -> str:
+    def settled(axis: Axis, techniques: Sequence[str] = PAPER_TECHNIQUES) -> str:
         samples = [paper.settled(technique, axis) for technique in techniques]
         return _settled_text(samples, YAW_RATE if axis == YAW else SPEED)
 
@@ -163,7 +162,7 @@ def tracking_claims(paper: PaperRuns) -> tuple[Claim, ...]:
         ),
         _no_best_claim(
             section_b("no-best-vy", "No technique tracks vy clearly best.", SPEED),
-            errors(VY, ALL),
+            errors(VY, PAPER_TECHNIQUES),
             settled(VY),
         ),
     )
@@ -207,7 +206,7 @@ def push_claims(paper: PaperRuns) -> tuple[Claim, ...]:
             section_c("cloning-least-push", least, IMPULSE, BELOW_ZERO),
             paper.impulse(BC),
             [paper.impulse(each) for each in (LOCO_HALF, LOCO_MOST, SAFE)],
-            _survival(paper, ALL),
+            _survival(paper, PAPER_TECHNIQUES),
         ),
         *(
             judge_difference(

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from surefoot.config.study import PAPER_TECHNIQUES
 from surefoot.runs.metrics import Collected
 from surefoot.study.claims import Sample
 from surefoot.study.results import CellResult, StudyResults
@@ -30,10 +31,7 @@ from surefoot.study.run_values import (
     tracking_error,
 )
 
-BC = "behavior_cloning"
-LOCO_HALF = "loco_dagger-0.5"
-LOCO_MOST = "loco_dagger-0.8"
-SAFE = "loco_safe_dagger"
+BC, LOCO_HALF, LOCO_MOST, SAFE = PAPER_TECHNIQUES
 LOCO = (LOCO_HALF, LOCO_MOST)
 """LocoDAGGER with either decay."""
 DECAYS = (("0.5", LOCO_HALF), ("0.8", LOCO_MOST))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 
 from tqdm import tqdm
@@ -19,7 +20,7 @@ from surefoot.robots.scaling import with_own_values
 from surefoot.runs.first_stage import without_files
 from surefoot.runs.initial_states import resumed_config
 from surefoot.runs.layout import CONFIG_FILE, KEPT_POLICY_FILE
-from surefoot.runs.metrics import StageRecord, best_iteration
+from surefoot.runs.metrics import Collected, StageRecord, best_iteration
 from surefoot.runs.run import Run, open_run
 from surefoot.scenarios.starts import PACKAGED
 from surefoot.study.cells import Cell, cells_of, measurements_of
@@ -108,6 +109,40 @@ class StudyResults:
             for result in self.cells
             if result.cell.technique == technique and result.cell.setting == setting
         )
+
+
+def sharing_data(results: StudyResults) -> tuple[str, ...]:
+    """The techniques whose runs of several seeds have the same data, each with its setting.
+
+    So it is where neither the initial states nor disturbances are drawn: without a budget, pushes
+    and noise, cloning begins in the same states for every seed. Such runs differ by the trainings
+    alone, as several trainings on the data of one seed do.
+
+    Args:
+        results: Results of the study, complete or not.
+    """
+    found = []
+    for technique, setting in product(results.study.techniques, results.study.settings):
+        of_seed = {
+            result.cell.seed: collected[-1].dataset_hash
+            for result in results.of(technique.name, setting.name)
+            if (collected := [each for each in result.metrics if isinstance(each, Collected)])
+        }
+        if len(set(of_seed.values())) < len(of_seed):
+            several = len(results.study.settings) > 1
+            found.append(f"{technique.title} ({setting.title})" if several else technique.title)
+    return tuple(found)
+
+
+def about_shared_data(results: StudyResults) -> str:
+    """A sentence about the techniques whose seeds have the same data; empty if there are none."""
+    sharing = sharing_data(results)
+    if not sharing:
+        return ""
+    return (
+        f"The seeds of {'; '.join(sharing)} have the same data: these runs differ in their "
+        "trainings alone, and intervals over them say nothing about other data."
+    )
 
 
 def read_results(folder: Path) -> StudyResults:

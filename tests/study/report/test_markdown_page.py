@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from surefoot.config.studies import regimes_study
+from surefoot.runs.metrics import Collected
 from surefoot.study.cells import cells_of
 from surefoot.study.paper_claims import paper_claims
 from surefoot.study.report.markdown_page import page_of_tables
@@ -47,6 +48,21 @@ def test_trainings_of_one_seed_cost_as_one_run(tmp_path):
     text = page(study_results({"dagger": runs}, twice), tmp_path / "page.md")
     row = next(line for line in text.splitlines() if line.startswith("| DAGGER |"))
     assert row.strip("| ").split(" | ")[-2] == "1.5"
+
+
+def test_seeds_with_the_same_data_are_named(tmp_path):
+    """As of cloning without a budget or pushes; several trainings of one seed are no seeds."""
+    said = "The seeds of DAGGER have the same data: these runs differ in their trainings alone"
+    same = regimes(dagger=[FakeRun(falls=(0,)), FakeRun(falls=(0,))])
+    assert said in page(same, tmp_path / "page.md")
+    last = same.cells[-1]
+    other = tuple(
+        replace(each, dataset_hash="c0ffee") if isinstance(each, Collected) else each
+        for each in last.metrics
+    )
+    differing = replace(same, cells=(*same.cells[:-1], replace(last, metrics=other)))
+    assert "the same data" not in page(differing, tmp_path / "page.md")
+    assert "the same data" not in page(regimes(dagger=[FakeRun(falls=(0,))]), tmp_path / "page.md")
 
 
 def test_titles_of_settings_keep_their_capitals(tmp_path):

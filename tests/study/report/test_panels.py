@@ -83,7 +83,14 @@ def test_settings_are_small_multiples(tmp_path):
     study = paper_like(1)
     settings = (Setting("low", "low"), Setting("high", "high", {"chunk": 7}))
     techniques = study.techniques[:2]
-    study = replace(study, techniques=techniques, settings=settings, comparisons=(), seeds=(0,))
+    study = replace(
+        study,
+        techniques=techniques,
+        settings=settings,
+        comparisons=(),
+        claims="none",
+        seeds=(0,),
+    )
     results = read_results(write_study(tmp_path / "two", study, iterations=1))
     success, tracking, *_, best = performance_figures(results)
     assert [panel.title for panel in success.panels] == ["low", "high"]

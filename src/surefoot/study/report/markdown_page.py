@@ -22,7 +22,7 @@ from surefoot.study.report.performance import BEST_ERRORS, BEST_FIGURE
 from surefoot.study.report.study_page import StudyReport
 from surefoot.study.report.tables import mean_costs
 from surefoot.study.report.verdicts import UNJUDGED, JudgedSentence
-from surefoot.study.results import CellResult, StudyResults
+from surefoot.study.results import CellResult, StudyResults, about_shared_data
 from surefoot.study.run_values import is_trained
 
 UNMEASURED = "–"
@@ -83,8 +83,8 @@ def _about(results: StudyResults, report: StudyReport) -> str:
         "over runs in percent, its 95 % interval over runs in brackets, and every run, which is a "
         f"seed of the data: several trainings on it count as one run, with their mean. {errors}"
         "Falls are those of all rollouts from which a run learned; the seconds are those of the "
-        "MPC, solves of 0.05 s each."
-    )
+        f"MPC, solves of 0.05 s each. {about_shared_data(results)}"
+    ).rstrip()
 
 
 def _settings(results: StudyResults, report: StudyReport) -> list[str]:

@@ -50,7 +50,7 @@ from surefoot.study.report.verdicts import (
     verdict_table,
     verdicts_of,
 )
-from surefoot.study.results import StudyResults
+from surefoot.study.results import StudyResults, about_shared_data
 
 HOURS = Quantity("", "h", 3600.0, 2)
 """A time in hours."""
@@ -181,6 +181,8 @@ def _head(results: StudyResults, report: StudyReport) -> Markup:
             element("div", joined([notice, element("ul", joined(names))]), {"class": "notice"})
         )
     parts.append(paragraph(ABOUT_INTERVALS, "soft"))
+    if shared := about_shared_data(results):
+        parts.append(paragraph(shared, "soft"))
     return element("header", joined(parts))
 
 
