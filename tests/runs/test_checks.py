@@ -26,6 +26,7 @@ from surefoot.mpc.gaits import with_gait
 from surefoot.robots.load import load_robot
 from surefoot.runs.checks import check_config
 from surefoot.scenarios.starts import PACKAGED, load_starts, save_starts
+from surefoot.types import to_ticks
 
 UNVALIDATED = TrainingConfig(validation=0.0)
 
@@ -148,3 +149,19 @@ def test_a_training_with_another_robots_pushes_is_warned_of(caplog):
         patch.setattr("surefoot.runs.checks.load_robot", lambda _: load_robot("go2"))
         check_config(config)
     assert "collection.impulse: pushes of 0.5 to 1.5 N s" in caplog.text
+
+
+def test_a_size_of_a_series_all_of_which_is_held_out_is_refused_before_any_work():
+    """Which episodes come first follows from the seed, and which are held out from their ids."""
+    method = preset("behavior_cloning", "default").method
+    assert isinstance(method, BehaviorCloningConfig)
+    small = replace(method, frames=(to_ticks(method.data.duration), 100_000))
+    refused = []
+    for seed in range(10):
+        config = replace(preset("behavior_cloning", "default"), method=small, seed=seed)
+        try:
+            check_config(config)
+        except ValueError as error:
+            assert "are held out (training.validation)" in str(error)
+            refused.append(seed)
+    assert 0 < len(refused) < 5  # a tenth is held out

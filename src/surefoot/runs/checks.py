@@ -26,7 +26,7 @@ from surefoot.learning.step import choose_device
 from surefoot.mpc.gaits import names_of
 from surefoot.robots.load import load_robot
 from surefoot.runs.budget import SECONDS_PER_SOLVE, first_allowance
-from surefoot.runs.sampling import draw_starts, expert_rollouts
+from surefoot.runs.sampling import draw_starts, expert_rollouts, order_of_series
 from surefoot.scenarios.disturbance import warn_of_pushes
 from surefoot.scenarios.starts import ANOTHER, SPLITS, StartSet, starts_of
 from surefoot.types import to_ticks
@@ -43,6 +43,7 @@ def check_config(config: Config) -> None:
     _check_sizes(config)
     for one in each_gait(config):
         _check_stored(one, starts_of(one))
+    _check_first_frames(config)
     _check_budget(config)
     robot = load_robot(config.robot)
     warn_of_pushes("collection", config.collection, robot)
@@ -106,6 +107,29 @@ def _check_sizes(config: Config) -> None:
             f"method.frames is {method.frames}; use {rollout} or more, as a rollout of "
             f"method.data.duration, {method.data.duration:g} s, has so many frames"
         )
+
+
+def _check_first_frames(config: Config) -> None:
+    """Check that of each dataset size of behavior cloning something is left to train on.
+
+    Raises:
+        ValueError: All episodes of a size are held out.
+    """
+    method = config.method
+    if not isinstance(method, BehaviorCloningConfig) or not method.frames:
+        return
+    if config.budget.expert_seconds is not None:  # then the number of rollouts is not known yet
+        return
+    job = expert_rollouts(config, method.data)
+    order = order_of_series(config, job.starts.id)
+    for frames in method.frames:
+        first = job.episode[order[: frames // to_ticks(method.data.duration)]]
+        if held_out(first, config.training.validation).all():
+            raise ValueError(
+                f"method.frames: all episodes of the first {frames} frames are held out "
+                "(training.validation), so there would be nothing to train on: use more frames, "
+                "or another --config.seed"
+            )
 
 
 def _check_stored(config: Config, stored: StartSet) -> None:

@@ -151,6 +151,17 @@ def expert_rows(stored: StartSet, split: TeachingSplit, data: ExpertData) -> Int
     return grid[: data.perturbations, :, velocities].ravel()
 
 
+def order_of_series(config: Config, start: IntArray) -> IntArray:
+    """``(n,)`` the order in which a series of dataset sizes takes the episodes of the first data.
+
+    Args:
+        config: Configuration of the run.
+        start: ``(n,)`` ids of the initial states of the episodes, in the order of their ids.
+    """
+    phase = all_starts_of(config).phases(start)
+    return series_order(phase, np.random.default_rng(seed_of(config.seed, "series", 0)))
+
+
 def series_order(stratum: IntArray, rng: np.random.Generator) -> IntArray:
     """``(n,)`` a random order in which any first part has each stratum in its share.
 

@@ -35,7 +35,7 @@ from surefoot.runs.policies import fitted_policy, load_policy
 from surefoot.runs.precision import kept_precision
 from surefoot.runs.progress import epochs_bar
 from surefoot.runs.run import Run
-from surefoot.runs.sampling import pretraining_rollouts, series_order
+from surefoot.runs.sampling import order_of_series, pretraining_rollouts
 from surefoot.scenarios.gaits import all_starts_of
 from surefoot.types import PlanFunction
 from surefoot.workers import Workers
@@ -147,8 +147,7 @@ def first_frames(run: Run, frames: int) -> Dataset:
         [load_arrays(run.summary_path(name), Summary) for name in run.dataset.shards]
     )
     summary = summary[np.argsort(summary.episode)]
-    phase = all_starts_of(run.config).phases(summary.start)
-    order = series_order(phase, np.random.default_rng(run.seed("series", 0)))
+    order = order_of_series(run.config, summary.start)
     fits = np.cumsum(summary.kept[order]) <= frames
     if fits.all():
         return run.dataset
