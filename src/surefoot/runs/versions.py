@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from surefoot.config import Backend
-from surefoot.runs.metrics import Trained
 
 if TYPE_CHECKING:
     from surefoot.runs.run import Run
@@ -73,7 +72,9 @@ def warn_of_versions(run: Run) -> None:
 
 def warn_of_device(run: Run) -> None:
     """Warn if a run was last trained on another device than the one that trains it now."""
-    from surefoot.learning.step import choose_device, device_name  # loads PyTorch
+    # These load PyTorch and simulators, which a robot's computer does not have.
+    from surefoot.learning.step import choose_device, device_name
+    from surefoot.runs.metrics import Trained
 
     trained = [record for record in run.metrics if isinstance(record, Trained)]
     device = device_name(choose_device(run.config.training.device))
