@@ -81,6 +81,24 @@ def test_the_sensor_studies_differ_between_layouts_in_nothing_but_the_layout(nam
     assert list(seen.values()) == [{"full", "proprioceptive", "full_history"}] * 4
 
 
+def test_the_study_of_layouts_with_the_data_of_default_changes_only_what_is_compared():
+    study = named_study("sensors-default")
+    presets = {"behavior_cloning-pushed": "pushed"}
+    for technique in study.techniques[1:]:
+        for setting in study.settings:
+            config = config_of(technique, setting)
+            arm = technique.name.removesuffix(f"-{config.policy.layout}")
+            expected = preset(technique.method, presets.get(arm, "default"))
+            expected = replace(
+                expected,
+                robot=replace(expected.robot, model=setting.name),
+                policy=replace(expected.policy, layout=config.policy.layout),
+            )
+            if isinstance(expected.method, BehaviorCloningConfig):
+                expected = replace(expected, method=replace(expected.method, frames=()))
+            assert config == expected
+
+
 def test_pushes_of_the_sensor_studies_change_the_velocity_of_each_robot_alike():
     ratio = size_of(load_robot("go2")).mass_ratio
     for name in ("push-1", "push-2"):

@@ -110,9 +110,9 @@ class Study(OnWorkers):
         tyro.conf.Positional,
         tyro.conf.arg(metavar="STUDY", help_behavior_hint="(required)"),
     ]
-    """The study: paper, regimes, options, sensors, sensors-go2, smoke, a JSON file, or the folder
-    of one that has begun; before it status, pause or resume. docs/studies.md has a file to begin
-    with."""
+    """The study: paper, regimes, options, sensors, sensors-go2, sensors-default, smoke, a JSON
+    file, or the folder of one that has begun; before it status, pause or resume. docs/studies.md
+    has a file to begin with."""
     folder: Path | None = None
     """The folder of the study; without it, studies/NAME."""
     jobs: tuple[str, ...] = ()

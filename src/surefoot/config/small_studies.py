@@ -1,14 +1,13 @@
 """The studies with a small budget, where methods and observations differ most.
 
 All techniques have equal expert-seconds and equal steps of training; of those that iterate, an
-earlier policy may be the best one, and is then reported. `regimes_study` compares
-methods by what their data begin with; `sensors_study` compares what the policy sees. On the same
-terms, `options_study` asks what options of the best methods are worth.
+earlier policy may be the best one, and is then reported. `regimes_study` compares methods by what
+their data begin with. On the same terms, `sensor_studies` compares what the policy sees, and
+`options_study` asks what options of the best methods are worth.
 """
 
 from __future__ import annotations
 
-from surefoot.config.learning import LayoutName
 from surefoot.config.study import (
     EXPERT,
     Measurement,
@@ -245,125 +244,3 @@ def _regime_techniques() -> tuple[Technique, ...]:
             options={**GATED, **RAMPED},
         ),
     )
-
-
-SENSOR_SECONDS = 40.0
-"""Seconds of the expert in the studies of what a policy sees."""
-LAYOUTS: dict[LayoutName, str] = {
-    "full": "full state",
-    "proprioceptive": "what a robot measures",
-    "full_history": "full state and history",
-}
-"""Layouts of the observation, with their names in tables."""
-MASSES = {"solo12": 1.0, "go2": 6.434}
-"""The robots of the studies of what a policy sees, with their masses as multiples of Solo12's."""
-ONBOARD: Options = {
-    "evaluation.disturbance.noise.base_orientation": 0.02,
-    "evaluation.disturbance.noise.base_angular_velocity": 0.1,
-    "evaluation.disturbance.noise.joint_position": 0.005,
-    "evaluation.disturbance.noise.joint_velocity": 0.2,
-    "evaluation.disturbance.delay": 3,
-}
-"""The noise of good sensors, and torques that act 3 ms late."""
-
-
-def sensors_study(robot: str) -> StudyConfig:
-    """What a policy that sees only what a robot measures loses or gains.
-
-    Args:
-        robot: A robot of `MASSES`.
-    """
-    mass = MASSES[robot]
-    strong = pushed_once(2.0, mass)
-    return StudyConfig(
-        name="sensors" if robot == "solo12" else f"sensors-{robot}",
-        title="What the policy sees",
-        techniques=_sensor_techniques(robot, mass),
-        settings=(
-            Setting(
-                "all",
-                f"{SENSOR_SECONDS:.0f} s of the expert",
-                {"budget.expert_seconds": SENSOR_SECONDS},
-            ),
-        ),
-        measurements=(
-            Measurement("test", "100 perturbed initial states, 5 s", options=HUNDRED),
-            pushed_once(1.0, mass),
-            strong,
-            Measurement(
-                "onboard",
-                "the same states, with noise and delay",
-                options={**HUNDRED, **ONBOARD},
-            ),
-            Measurement(
-                "onboard-push",
-                f"{strong.title}, with noise and delay",
-                split=strong.split,
-                options={**strong.options, **ONBOARD},
-            ),
-        ),
-        predictions=(
-            "What a robot measures is enough: success is within 2 points of the full state's.",
-            "With pushes in the data a policy with a history withstands the stronger push more"
-            " often than one that sees the present state alone.",
-            "Noise and a delay of 3 ms change nothing of that.",
-        ),
-        comparisons=(
-            PlannedComparison(
-                "test",
-                "behavior_cloning-pushed-proprioceptive",
-                "behavior_cloning-pushed-full",
-                "all",
-                "equal",
-                margin=2.0,  # points, as predicted
-            ),
-            PlannedComparison(
-                strong.name,
-                "behavior_cloning-pushed-proprioceptive",
-                "behavior_cloning-pushed-full",
-                "all",
-                "better",
-            ),
-            PlannedComparison(
-                strong.name,
-                "loco_safe_dagger-pushed-proprioceptive",
-                "behavior_cloning-pushed-proprioceptive",
-                "all",
-                "better",
-            ),
-        ),
-        keep_policies="none",
-    )
-
-
-def _sensor_techniques(robot: str, mass: float) -> tuple[Technique, ...]:
-    """Each method with each layout, trained three times on the data of a seed."""
-    arms = (
-        ("behavior_cloning", "BC", "behavior_cloning", CLONING),
-        (
-            "behavior_cloning-pushed",
-            "BC, pushed",
-            "behavior_cloning",
-            {**CLONING, **pushed_expert(mass)},
-        ),
-        ("dagger", "DAGGER", "dagger", DAGGER),
-        (
-            "loco_safe_dagger-pushed",
-            "LocoSafeDAGGER, pushed",
-            "loco_safe_dagger",
-            {**GATED, **pushed_first(mass)},
-        ),
-    )
-    techniques = [Technique(EXPERT, "expert", EXPERT, options={"chunk": 50, "robot.model": robot})]
-    for name, title, method, options in arms:
-        for layout, seen in LAYOUTS.items():
-            techniques.append(
-                Technique(
-                    f"{name}-{layout}",
-                    f"{title}: {seen}",
-                    method,
-                    options={**options, "robot.model": robot, "policy.layout": layout},
-                    trainings=3,
-                )
-            )
-    return tuple(techniques)

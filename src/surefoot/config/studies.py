@@ -3,9 +3,9 @@
 `paper` repeats the experiment of *Safe Learning of Locomotion Skills from MPC* (IV, V): its preset,
 its simulator, its techniques, three seeds. `regimes` asks when each method is worth having, given
 what the data begin with and how many seconds of the expert there are; `options` asks what two
-options of its best methods are worth. `sensors` and `sensors-go2` ask what a policy that sees only
-what a robot measures loses or gains. `smoke` runs the same code as these in a minute or two. The
-studies with a small budget are in `config.small_studies` and `config.options_study`.
+options of its best methods are worth. `sensors`, `sensors-go2` and `sensors-default` ask what a
+policy that sees only what a robot measures loses or gains. `smoke` runs the same code as these in a
+minute or two. The others are in `config.small_studies`, `options_study` and `sensor_studies`.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from collections.abc import Callable
 from functools import partial
 
 from surefoot.config.options_study import options_study
-from surefoot.config.small_studies import regimes_study, sensors_study
+from surefoot.config.sensor_studies import default_sensors_study, sensors_study
+from surefoot.config.small_studies import regimes_study
 from surefoot.config.study import (
     EXPERT,
     Measurement,
@@ -160,6 +161,7 @@ STUDIES: dict[str, Callable[[], StudyConfig]] = {
     "options": options_study,
     "sensors": partial(sensors_study, "solo12"),
     "sensors-go2": partial(sensors_study, "go2"),
+    "sensors-default": default_sensors_study,
     "smoke": smoke_study,
 }
 """The studies by name."""
