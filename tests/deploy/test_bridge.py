@@ -4,6 +4,7 @@ import shutil
 import signal
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -183,7 +184,8 @@ class Slow:
 
 # As in a terminal, whatever those who run the tests ignore, such as nohup.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-signal.signal(signal.SIGHUP, signal.SIG_DFL)
+for each in (signal.SIGHUP, signal.SIGQUIT):
+    signal.signal(each, signal.SIG_DFL)
 first, second = (getattr(signal, name) for name in sys.argv[1:])
 driver = Slow()
 bridge = Bridge(driver, UdpChannel(), TOY)
@@ -214,7 +216,7 @@ def test_signals_are_as_they_were_after_a_channel_that_cannot_be_closed(monkeypa
     assert [signal.getsignal(each) for each in (signal.SIGINT, signal.SIGTERM)] == before
 
 
-@pytest.mark.parametrize("first", ["SIGINT", "SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("first", ["SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT"])
 @pytest.mark.parametrize("second", ["SIGINT", "SIGTERM"])
 def test_a_second_signal_does_not_interrupt_the_damping(first, second):
     ended = subprocess.run(
@@ -299,3 +301,31 @@ def test_a_socket_hears_and_waits_for_nobody():
 def test_limits_and_times_that_keep_no_robot_safe_are_refused(changes, message):
     with pytest.raises(ValueError, match=message):
         protocol.check_description(TOY._replace(**changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"joint_position": [0.0] * 11}, "joint_position has 11 numbers, and needs 12"),
+        ({"orientation": [0.0] * 3}, "orientation has 3 numbers, and needs 4"),
+        ({"base": [0.25, 0.0, 0.0]}, "base has 3 numbers, and needs 4"),
+        ({"acceleration": None}, "NoneType"),
+        ({"faults": 1.0}, "float"),
+    ],
+)
+def test_a_measurement_of_a_wrong_shape_latches_and_is_named_once(caplog, changes, message):
+    world = World()
+    world.drive()
+    world.driver.measurement = lambda measured: measured._replace(**changes)
+    assert world.until_damped() <= 2
+    assert world.bridge.cause == protocol.DRIVER
+    world.run(10)
+    assert caplog.text.count("the driver has failed") == 1
+    assert message in caplog.text
+
+
+def test_a_bridge_that_is_served_where_no_signal_comes_says_so():
+    world = World()
+    world.bridge._channel = UdpChannel()  # closed at the end
+    with ThreadPoolExecutor(1) as pool, pytest.warns(RuntimeWarning, match="in the main thread"):
+        pool.submit(serve, world.bridge, lambda: False).result()

@@ -11,6 +11,8 @@ from surefoot.config.twin import LinkConfig
 from surefoot.deploy import protocol
 from surefoot.deploy.faults import FaultTests, Limits
 from surefoot.deploy.fit import WrongRobotError
+from surefoot.deploy.gate import BoundsGate, GateSwitch
+from surefoot.deploy.handover import Safeguard
 from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.loop import Mode
 from surefoot.errors import HangUp
@@ -481,3 +483,106 @@ def test_without_a_start_the_robot_is_damped_and_the_bridge_keeps_its_peer():
     world.operator.wanted = world.operator.wanted._replace(go=True)
     world.run(200)
     assert world.runtime.mode == Mode.DRIVE
+
+
+@pytest.mark.parametrize(
+    ("base", "detail"),
+    [
+        ((250.0, 0.0, 0.0, 0.0), "measured 250.000 m above the ground, and the legs say 0.250 m"),
+        ((-0.25, 0.0, 0.0, 0.0), "check its unit and where it is measured from"),
+        ((0.25, 0.0, 1200.0, 0.0), "the standing robot is measured to move at 1.2e+03 m/s"),
+    ],
+)
+def test_a_base_in_a_wrong_unit_is_a_fault_before_the_policy_drives(base, detail):
+    world = World(config=RuntimeConfig(stand=0.05, settle=0.1))
+    world.driver.measurement = lambda measured: measured._replace(base=base)
+    world.run(500)
+    assert not world.policy.asked
+    assert world.runtime.fault is not None
+    assert world.runtime.fault.kind == "posture"
+    assert detail in world.runtime.fault.detail
+
+
+def test_a_base_that_nobody_uses_may_be_anything():
+    policy = ToyPolicy()
+    policy.needs_base = False
+    world = World(policy=policy)
+    world.driver.measurement = lambda measured: measured._replace(base=(250.0, 0.0, 9.0, 0.0))
+    world.drive()
+
+
+def test_a_command_far_beyond_what_the_motors_can_give_never_reaches_them():
+    world = World()
+    world.drive()
+    before = len(world.driver.written)
+    world.policy.target = lambda *_: np.full(12, 100.0)
+    assert world.until_damped() <= 2
+    fault = world.runtime.fault
+    assert fault is not None and fault.kind == "absurd command"
+    assert "FL_HAA is told to give 200 N m, and has 3.00 N m" in fault.detail
+    assert max(max(command[:12]) for command in world.driver.written[before:]) < 1.0
+    assert stays_damped(world)
+
+
+@pytest.mark.parametrize("seconds", [0.01, 20.0])
+@pytest.mark.parametrize("stand", [0.05, 2.0])
+def test_a_clock_that_goes_back_is_a_fault_of_a_standing_and_of_a_walking_robot(seconds, stand):
+    world = World(config=RuntimeConfig(stand=stand))
+    world.run(150)
+    assert world.runtime.fault is None
+    read = world.robot.read
+    world.robot.read = lambda: (sensors := read())._replace(
+        time_ns=sensors.time_ns - round(1e9 * seconds)
+    )
+    world.run(2)
+    fault = world.runtime.fault
+    assert fault is not None and fault.kind == "clock"
+    assert "went back by" in fault.detail
+    assert stays_damped(world)
+
+
+def test_a_clock_that_leaps_forward_is_a_fault_of_a_standing_robot_too():
+    world = World(config=RuntimeConfig(stand=2.0))
+    world.run(150)
+    read = world.robot.read
+    world.robot.read = lambda: (sensors := read())._replace(
+        time_ns=sensors.time_ns + 500 * MILLISECOND
+    )
+    world.run(2)
+    assert world.runtime.fault is not None
+    assert world.runtime.fault.kind == "missed deadlines"
+    assert stays_damped(world)
+
+
+def test_a_robot_that_gives_a_new_state_every_five_milliseconds_for_good_is_given_up():
+    world = World()
+    world.drive()
+    read = world.robot.read
+    seen = [read()]
+
+    def slow() -> Sensors:
+        sensors = read()
+        if sensors.time_ns - seen[0].time_ns >= 5 * MILLISECOND:
+            seen[0] = sensors
+        return seen[0]
+
+    world.robot.read = slow
+    world.run(2000)
+    fault = world.runtime.fault
+    assert fault is not None and fault.kind == "missed deadlines"
+    assert "more ticks were missed than had a command in time" in fault.detail
+
+
+def test_a_gate_says_which_bound_was_left():
+    low = np.full(15, -10.0)
+    high = np.full(15, 10.0)
+    low[0], high[0] = 0.2, 0.24
+    high[4] = 0.5
+    gate = BoundsGate(low, high, lambda joints: np.zeros((len(joints), 3)))
+    world = World(safeguard=Safeguard(GateSwitch(gate, 100)))
+    world.run(300)
+    fault = world.runtime.fault
+    assert fault is not None and fault.kind == "gate"
+    assert "center of mass [m] at 0.250 of 0.200 to 0.240" in fault.detail
+    assert "FL_HFE [rad] at 0.8" in fault.detail
+    assert "FL_KFE" not in fault.detail

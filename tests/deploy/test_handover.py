@@ -243,7 +243,8 @@ def world_with(link: Link | None, unsafe: list[bool]) -> World:
     gate = Gate(np.zeros(15), np.zeros(15), lambda joints: np.zeros((1, 3)))
     driver = None if link is None else expert(link)
     safeguard = Safeguard(GateSwitch(gate, 100), driver)
-    world = World(safeguard=safeguard, config=RuntimeConfig(stand=0.05))
+    config = RuntimeConfig(stand=0.05, absurd_torque=100.0)  # plans ask for a torque of their tick
+    world = World(safeguard=safeguard, config=config)
     world.run(200)
     world.driver.written.clear()
     return world

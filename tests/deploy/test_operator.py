@@ -239,3 +239,20 @@ def test_a_terminal_that_has_been_closed_is_a_lost_operator(pipe, monkeypatch):
     os.close(writer)
     monkeypatch.setattr(os, "read", read)
     assert operator.wish().lost == "the operator's input has ended"
+
+
+@pytest.mark.parametrize("word", ["stop", "STOP"])
+@pytest.mark.parametrize("before", [b"", b"x" * 150])
+def test_a_stop_is_heard_however_long_its_line_becomes(pipe, word, before):
+    reader, writer = pipe
+    terminal = Terminal(Command(), descriptor=reader, clock=Clock())
+    os.write(writer, b"start\n")
+    assert terminal.wish().go
+    os.write(writer, before + word.encode())
+    for _ in range(20):
+        os.write(writer, b" " * 100)
+        terminal.wish()
+    os.write(writer, b"\n")
+    for _ in range(20):
+        terminal.wish()
+    assert not terminal.wish().go

@@ -79,3 +79,28 @@ def test_a_flood_does_not_delay_a_tick():
     robot = UdpRobot(channel, ("bridge", 1))
     robot.take()
     assert robot.refused == channel.received == MOST_DATAGRAMS
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_lockstep_is_refused_by_a_robot_that_does_not_wait(waits):
+    clock = Clock()
+    robots_clock = Clock()
+    network = Network()
+    bridge = Bridge(ToyDriver(robots_clock), network.endpoint(BRIDGE), TOY, robots_clock)
+
+    def pass_time():
+        clock.advance(20)
+        if waits:
+            bridge.receive()
+            bridge.report()
+        else:
+            robots_clock.advance(20)
+            bridge.tick()
+
+    channel = WaitingEndpoint(network.endpoint(RUNTIME), pass_time)
+    robot = UdpRobot(channel, BRIDGE, clock, lockstep=True)
+    if waits:
+        assert robot.connect() == TOY
+    else:
+        with pytest.raises(Stale, match="leave out --lockstep, or start the twin with it, too"):
+            robot.connect()

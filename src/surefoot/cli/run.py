@@ -114,13 +114,14 @@ class RunPolicy:
             if self.realtime:
                 take_real_time_priority()
             report = drive(runtime, self.recording, self.keep)
-        show_record(report, self.json)
+        # The file may be what cannot be written, so the rest is said before.
         if report.recording:
             print(f"wrote {report.recording}", file=sys.stderr)
+        if report.fault and not report.unwritten:
+            print(what_to_do(report.fault, report.recording, self.lockstep), file=sys.stderr)
+        show_record(report, self.json)
         if report.unwritten:
             raise WriteError(report.unwritten)
-        if report.fault:
-            print(what_to_do(report.fault, report.recording, self.lockstep), file=sys.stderr)
         return int(bool(report.fault))
 
     def check_start(self) -> None:

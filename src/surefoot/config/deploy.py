@@ -31,12 +31,21 @@ class RuntimeConfig(Checked):
     missed_deadlines: Ticks = 10
     """So many ticks in a row without a command in time are a fault of a robot that is driven, or is
     to begin."""
+    slow_for: Annotated[int, Within(1, 1_000_000)] = 500
+    """So many more ticks missed than commanded in time are a fault, too: a robot that is always
+    slow may never miss `missed_deadlines` in a row."""
     tilt: Angle = 45.0
     """[deg] roll or pitch beyond this is a fault."""
+    height: Share = 0.3
+    """By what share the measured height of the base may differ from what the legs of the standing
+    robot say, where policy or expert use it: a wrong unit or origin differs by far more."""
     saturation: Duration = 0.1
     """[s] a joint at its torque limit for so long without a break is a fault."""
     saturation_share: Share = 0.98
     """What counts as at the limit, as a share of it."""
+    absurd_torque: Annotated[float, Within(1.0, 1e6)] = 10.0
+    """A joint target that asks for so many times a joint's torque limit is a fault: trained
+    policies stay far below, unless they are told nonsense."""
     block: Seconds = 2.0
     """[s] how long the expert drives at least once the gate calls a state unsafe (T_block)."""
     plan_latency: Ticks = 8

@@ -11,54 +11,37 @@ good. Read `protocol` first.
 
 from __future__ import annotations
 
+import logging
 import math
 import secrets
 import select
 import signal
 import socket
 import time
+import warnings
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from threading import current_thread, main_thread
-from typing import Any, NamedTuple, Protocol, Tuple  # noqa: UP035
+from typing import Any, Protocol, Tuple  # noqa: UP035
 
 if __package__:
     from surefoot.deploy import protocol
 else:  # copied, with protocol.py in the same folder
     import protocol  # pyright: ignore
 
+logger = logging.getLogger("bridge")
+Measurement = protocol.Measurement
+"""What a driver's `read` returns."""
 Address = Tuple[str, int]  # noqa: UP006 - Python 3.8 has no tuple[]
 """A host and a port."""
 MOST_DATAGRAMS = 64
 """Maximum number of datagrams read per tick, so that a flood does not delay the driver."""
 LAST_WRITES = 20
 """How often the joints are damped when the bridge ends, one tick apart."""
+ENDINGS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+"""Signals that end a bridge once the joints are damped."""
 RELEASE = 1.0
 """[s] Silence of the former runtime after which an idle or latched bridge greets a new one."""
-
-
-class Measurement(NamedTuple):
-    """What a driver measures: joint values in the description's order, SI units.
-
-    Attributes:
-        joint_position: Twelve joint angles [rad].
-        joint_velocity: Twelve joint rates [rad/s].
-        joint_torque: Twelve joint torques [N m].
-        orientation: Unit quaternion xyzw, base frame to world frame.
-        angular_velocity: Angular velocity of the base, base frame [rad/s].
-        acceleration: Specific force at the base, base frame [m/s^2].
-        base: Height [m] and linear velocity in the base frame [m/s]; None if nothing measures them.
-        faults: The driver's fault bits; any value but 0 latches the bridge for good.
-    """
-
-    joint_position: Sequence[float]
-    joint_velocity: Sequence[float]
-    joint_torque: Sequence[float]
-    orientation: Sequence[float]
-    angular_velocity: Sequence[float]
-    acceleration: Sequence[float]
-    base: Sequence[float] | None = None
-    faults: int = 0
 
 
 class Driver(Protocol):
@@ -183,7 +166,7 @@ class Bridge:
         self._peers_clock = 0
         self._damping = (0.0,) * 36 + (description.damping,) * 12 + (0.0,) * 12
         self._command: Sequence[float] = self._damping
-        self._measured = driver.read()
+        self._measured = self._read()
 
     def tick(self) -> None:
         """Read the datagrams, watch over the commands, serve the driver, and send a state."""
@@ -213,7 +196,7 @@ class Bridge:
         except Exception as error:
             self._fail(error)
         try:
-            self._measured = self._driver.read()
+            self._measured = self._read()
         except Exception as error:
             self._fail(error)
         if self._measured.faults:
@@ -253,6 +236,12 @@ class Bridge:
                 self._driver.write(self._damping)
             time.sleep(1.0 / self.description.rate_hz)
         self._channel.close()
+
+    def _read(self) -> Measurement:
+        """What the driver measures; a part of a wrong length is an error of the driver."""
+        measured = self._driver.read()
+        protocol.check_measurement(measured)
+        return measured
 
     def _take(self, data: bytes, sender: Address, now: int) -> None:
         """Do what a datagram says, if it is valid."""
@@ -333,6 +322,8 @@ class Bridge:
 
     def _fail(self, error: Exception) -> None:
         """Latch for good after an error of the driver, and raise an interrupt that it hides."""
+        if self.cause != protocol.DRIVER:  # only the first one: a line takes time
+            logger.error(f"the driver has failed: {error!r}")
         self._latch(protocol.DRIVER)
         if _hides_interrupt(error):
             raise KeyboardInterrupt from error
@@ -363,10 +354,17 @@ def _hides_interrupt(error: BaseException | None) -> bool:
 
 
 def _let_interrupt() -> dict[signal.Signals, Any]:
-    """Let SIGTERM and SIGHUP interrupt as Ctrl-C does; return the former actions of the signals."""
+    """Let the `ENDINGS` interrupt as Ctrl-C does; return the former actions of the signals."""
     main = current_thread() is main_thread()
+    if not main:
+        warnings.warn(
+            "serve runs in a thread, which no signal reaches: Ctrl-C or a kill ends the process "
+            "and leaves the last command in the motors; call serve in the main thread",
+            RuntimeWarning,
+            stacklevel=3,
+        )
     answered: dict[signal.Signals, Any] = {}
-    for each in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP) if main else ():
+    for each in ENDINGS if main else ():
         before = signal.getsignal(each)
         if before in (signal.SIG_DFL, signal.default_int_handler):
             answered[each] = before
@@ -381,7 +379,9 @@ def _answer(signals: dict[signal.Signals, Any]) -> None:
 
 
 def serve(bridge: Bridge, running: Callable[[], bool] = lambda: True) -> None:
-    """Tick at the robot's rate until told to stop, or until Ctrl-C, SIGTERM or SIGHUP; then damp.
+    """Tick at the robot's rate until told to stop, or until a signal of `ENDINGS`; then damp.
+
+    Call it in the main thread: signals reach no other one.
 
     Args:
         bridge: The bridge.

@@ -150,7 +150,7 @@ class Drivers:
         self._expert_has_to = self._switch.expert_drives(sensors, tick, velocity)
         if self._expert is None:
             if self._expert_has_to:
-                raise Unguarded("the gate calls the state unsafe, and there is no expert")
+                raise Unguarded(f"{self._switch.reason(sensors)}; there is no expert")
             return None
         # A plan is requested ahead, in the gait that is walked when it takes effect.
         ahead = self._gaits.command(velocity, tick + self._expert.latency)

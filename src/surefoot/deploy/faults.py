@@ -29,6 +29,8 @@ FaultKind = Literal[
     "joint limit",
     "joint speed",
     "saturated torque",
+    "absurd command",
+    "clock",
     "operator lost",
     "posture",
     "gate",
@@ -98,6 +100,7 @@ class FaultTests:
         self._highest = np.concatenate((limits.high, limits.speed))
         self._tilt = math.radians(config.tilt)
         self._saturated_from = config.saturation_share * limits.torque
+        self._absurd_from = config.absurd_torque * limits.torque
         self._patience_ns = to_ticks(config.saturation) * TICK_NS
         self._saturated_since: IntArray | None = None  # [ns] when each last was not
 
@@ -148,6 +151,21 @@ class FaultTests:
                 f"{self._patience_ns // TICK_NS} ms"
             )
         return None
+
+    def absurd(self, torque: Array) -> tuple[FaultKind, str] | None:
+        """What makes a command one that must not reach the motors; None if nothing does.
+
+        Args:
+            torque: ``(12,)`` the torques that it asks for, before the motors clip them [N m].
+        """
+        beyond = np.abs(torque) > self._absurd_from
+        joint = int(beyond.argmax())
+        if not beyond[joint]:
+            return None
+        return "absurd command", (
+            f"{JOINTS[joint]} is told to give {torque[joint]:.3g} N m, and has "
+            f"{self._limits.torque[joint]:.2f} N m; check what the sensors report"
+        )
 
     def _beyond(self, sensors: Sensors, number: int) -> tuple[FaultKind, str]:
         """The fault of one of the joint angles, or of one of the rates, which follow them."""

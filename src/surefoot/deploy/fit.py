@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from surefoot.config.deploy import RuntimeConfig
 from surefoot.deploy.faults import Limits, roll_pitch
 from surefoot.deploy.interfaces import DeployedPolicy, Sensors
 from surefoot.deploy.protocol import Description, check_description
@@ -17,6 +18,8 @@ from surefoot.types import JOINTS, Array
 INSIDE = 0.25
 """How far inside the range of a joint the standing posture must be, as a share of that range: the
 weight of the robot bends its legs further."""
+STANDS_STILL = 1.0
+"""[m/s] A base that stands moves slower than this; one whose velocity is in mm/s seems faster."""
 
 
 class WrongRobotError(ValueError):
@@ -103,6 +106,33 @@ def missing_base(policy: DeployedPolicy, has_expert: bool, sensors: Sensors) -> 
     return None
 
 
+def wrong_base_of(policy: DeployedPolicy, sensors: Sensors, share: float) -> str | None:
+    """Why the measured base of a standing robot cannot be right; None if it can.
+
+    A unit or an origin that is wrong drives a policy mad at once, since it was never trained there.
+
+    Args:
+        policy: The policy.
+        sensors: What the robot measures.
+        share: By what share the height may differ from that by the legs.
+    """
+    base = sensors.base
+    if base is None:
+        return None
+    expected = policy.height_by_legs(sensors)
+    if abs(base.height - expected) > share * abs(expected):
+        return (
+            f"the base is measured {base.height:.3f} m above the ground, and the legs say "
+            f"{expected:.3f} m; check its unit and where it is measured from"
+        )
+    speed = float(np.linalg.norm(base.velocity))
+    if speed > STANDS_STILL:
+        return (
+            f"the base of the standing robot is measured to move at {speed:.3g} m/s; check its unit"
+        )
+    return None
+
+
 def posture_of(policy: DeployedPolicy, limits: Limits) -> Array:
     """The joint angles ``(12,)`` in which a robot is to stand before the policy drives [rad].
 
@@ -121,19 +151,26 @@ def posture_of(policy: DeployedPolicy, limits: Limits) -> Array:
     return np.clip(posture, limits.low, limits.high)
 
 
-def misfit_of(policy: DeployedPolicy, sensors: Sensors, margin: float) -> str | None:
-    """Why a policy must not take over in a posture; None if it may.
+def misfit_of(
+    policy: DeployedPolicy, has_expert: bool, sensors: Sensors, config: RuntimeConfig
+) -> str | None:
+    """Why a policy must not take over from a standing robot; None if it may.
 
     Args:
         policy: The policy.
+        has_expert: Whether an expert may take over from it.
         sensors: What the robot measures.
-        margin: How far beyond the initial states trained on an angle may be [rad].
+        config: How far height and angles may be off.
     """
+    if policy.needs_base or has_expert:
+        wrong = wrong_base_of(policy, sensors, config.height)
+        if wrong is not None:
+            return wrong
     angles = np.concatenate((roll_pitch(sensors.orientation), sensors.joint_position))
     low, high = policy.start_range
     beyond = np.maximum(low - angles, angles - high)
     worst = int(beyond.argmax())
-    if beyond[worst] <= margin:
+    if beyond[worst] <= config.posture:
         return None
     name = ("roll", "pitch", *JOINTS)[worst]
     return (

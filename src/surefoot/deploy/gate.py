@@ -15,9 +15,9 @@ from typing import Protocol
 import numpy as np
 
 from surefoot.deploy.faults import roll_pitch
-from surefoot.deploy.interfaces import Sensors
+from surefoot.deploy.interfaces import BaseEstimate, Sensors
 from surefoot.rotations import rotation
-from surefoot.types import Array, Command
+from surefoot.types import JOINTS, Array, Command
 
 logger = logging.getLogger(__name__)
 
@@ -43,6 +43,14 @@ class Switch(Protocol):
         Raises:
             Fallen: Neither the policy nor the expert can drive this robot any more.
             MissingBase: The switch cannot decide, since nothing measures the base.
+        """
+        ...
+
+    def reason(self, sensors: Sensors) -> str:
+        """Why the expert has to drive, in words.
+
+        Args:
+            sensors: What the robot measures.
         """
         ...
 
@@ -72,11 +80,33 @@ class BoundsGate:
         angles = np.concatenate((roll_pitch(sensors.orientation), sensors.joint_position))
         inside = bool(((angles >= self.low[1:]) & (angles <= self.high[1:])).all())
         if sensors.base is not None:
-            up = rotation(sensors.orientation)[2]
-            com = self.com_in_base(sensors.joint_position[None])[0]
-            height = sensors.base.height + float(up @ com)
+            height = self._height(sensors, sensors.base)
             inside = inside and bool(self.low[0] <= height <= self.high[0])
         return not inside
+
+    def violated(self, sensors: Sensors) -> str:
+        """Which bounds a state violates, in words; empty if none.
+
+        Args:
+            sensors: What the robot measures.
+        """
+        values = [*roll_pitch(sensors.orientation), *sensors.joint_position.tolist()]
+        names = [f"{name} [rad]" for name in ("roll", "pitch", *JOINTS)]
+        bounds = [*zip(names, values, self.low[1:], self.high[1:], strict=True)]
+        if sensors.base is not None:
+            height = self._height(sensors, sensors.base)
+            bounds.insert(0, ("center of mass [m]", height, self.low[0], self.high[0]))
+        return ", ".join(
+            f"{name} at {value:.3f} of {low:.3f} to {high:.3f}"
+            for name, value, low, high in bounds
+            if not low <= value <= high
+        )
+
+    def _height(self, sensors: Sensors, base: BaseEstimate) -> float:
+        """The height of the center of mass above the ground [m]."""
+        up = rotation(sensors.orientation)[2]
+        com = self.com_in_base(sensors.joint_position[None])[0]
+        return base.height + float(up @ com)
 
 
 class Blocking:
@@ -133,3 +163,7 @@ class GateSwitch:
                 "pitch and joints only"
             )
         return self._blocking.is_blocked(self._gate.unsafe(sensors), tick)
+
+    def reason(self, sensors: Sensors) -> str:
+        """See `Switch`."""
+        return f"the gate calls the state unsafe: {self._gate.violated(sensors)}"

@@ -196,6 +196,14 @@ class DeployedPolicy(Protocol):
         """Begin an episode: forget everything; the first tick will fill the history."""
         ...
 
+    def height_by_legs(self, sensors: Sensors) -> float:
+        """The height of the base above the lowest point of its feet, from the joint angles [m].
+
+        Args:
+            sensors: What the robot measures now.
+        """
+        ...
+
     def target(self, sensors: Sensors, tick: int, command: Command) -> Array:
         """The joint targets ``(12,)`` [rad].
 

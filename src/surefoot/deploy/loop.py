@@ -45,6 +45,9 @@ logger = logging.getLogger(__name__)
 
 MICROSECOND = 1e-3
 """A nanosecond [us]."""
+STANDING_GAP = 100
+"""[ticks] A gap in the measurements that is a fault while the robot stands up, too: its next target
+would be a jump."""
 
 
 class Mode(IntEnum):
@@ -193,9 +196,9 @@ class Runtime:
             self._change_mode(sensors, wish)
             if not self.over:
                 command = self._command(sensors, velocity, wish.gait)
-        if command is not None and not command.is_finite:
-            wrong = ("not a number", "the joint targets of " + self._driver)
-            command = None
+        if command is not None:
+            wrong = self._unfit(command, sensors)
+            command = command if wrong is None else None
         if wrong is not None:
             self._give_up(*wrong)
         elif command is not None:
@@ -213,18 +216,25 @@ class Runtime:
         if wish.lost:
             return "operator lost", wish.lost
         self.deadlines.count()
-        # While standing, the targets move slowly, and the bridge ends a longer silence.
-        late = self._late() if self.mode == Mode.DRIVE else None
+        if self.deadlines.back_ns > 0:
+            return "clock", f"the robot's clock went back by {self.deadlines.back_ns / 1e6:g} ms"
+        # While standing, the targets move slowly, so a longer gap does no harm.
+        driven = self.mode == Mode.DRIVE
+        late = self._late(self.config.missed_deadlines if driven else STANDING_GAP)
         return late or self._tests.unsafe(sensors)
 
-    def _late(self) -> tuple[FaultKind, str] | None:
-        """The fault of too many ticks in a row without a command in time; None if there is none."""
-        if self.deadlines.in_a_row < self.config.missed_deadlines:
+    def _unfit(self, command: JointCommand, sensors: Sensors) -> tuple[FaultKind, str] | None:
+        """Why a command must not reach the motors; None if it may."""
+        if not command.is_finite:
+            return "not a number", "the joint targets of " + self._driver
+        if self.mode != Mode.DRIVE:
             return None
-        return "missed deadlines", (
-            f"{self.deadlines.in_a_row} ticks in a row had no command in time; "
-            f"{self.config.missed_deadlines} are a fault"
-        )
+        return self._tests.absurd(command.torque_at(sensors))
+
+    def _late(self, allowed: int) -> tuple[FaultKind, str] | None:
+        """The fault of too many ticks, of so many in a row, without a command in time, if any."""
+        late = self.deadlines.exceeded(allowed, self.config.slow_for)
+        return None if late is None else ("missed deadlines", late)
 
     def _change_mode(self, sensors: Sensors, wish: Wish) -> None:
         """Do what the operator wants, and let the policy drive once the robot stands."""
@@ -247,11 +257,11 @@ class Runtime:
         if wish.rest:  # the time to settle only begins when the operator wants it to walk
             self._begun_ns = sensors.time_ns - standing * TICK_NS
             return
-        if (late := self._late()) is not None:
+        if (late := self._late(self.config.missed_deadlines)) is not None:
             self._give_up(*late)
             return
         missing = missing_base(self._policy, self.drivers.has_expert, sensors)
-        misfit = missing or misfit_of(self._policy, sensors, self.config.posture)
+        misfit = missing or misfit_of(self._policy, self.drivers.has_expert, sensors, self.config)
         if misfit is not None:
             if self._gait_clock(sensors) >= standing + to_ticks(self.config.settle):
                 self._give_up("lost base" if missing else "posture", misfit)

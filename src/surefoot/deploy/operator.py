@@ -195,7 +195,9 @@ class Terminal:
                 return
             self._alive_ns = now
             *lines, self._text = (self._text + part).split(b"\n")
-            self._text = self._text[-LONGEST_LINE:]
+            if len(self._text) > LONGEST_LINE:  # what is cut off may contain a stop
+                stop = STOP.encode() if _stops(self._text.decode(errors="replace")) else b""
+                self._text = stop + self._text[-LONGEST_LINE:]
             texts = [line.decode(errors="replace") for line in lines]
             # Of lines that arrive together, a stop is obeyed last: a start cannot undo it.
             for text in sorted(texts, key=_stops):

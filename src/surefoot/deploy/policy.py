@@ -16,7 +16,7 @@ from surefoot.deploy.description import ExportFileError, PolicyDescription, star
 from surefoot.deploy.export_file import read_export
 from surefoot.deploy.interfaces import BaseEstimate, MissingBase, Sensors
 from surefoot.deploy.kinematics import feet_and_com
-from surefoot.deploy.observer import observed
+from surefoot.deploy.observer import attitude, observed
 from surefoot.learning.memory import Memory
 from surefoot.learning.observation import (
     OBSERVATION,
@@ -115,6 +115,16 @@ class OnnxPolicy:
         history = self.spec.layout.history
         self._memory = None if history is None else Memory(history, 1)
         self._base(sensors)
+
+    def height_by_legs(self, sensors: Sensors) -> float:
+        """The height of the base above the lowest point of its feet, from the joint angles [m].
+
+        Args:
+            sensors: What the robot measures now.
+        """
+        up, _ = attitude(sensors.orientation)
+        feet, _ = feet_and_com(self.description.kinematics, sensors.joint_position)
+        return self.description.kinematics.foot_radius - float((feet @ np.array(up)).min())
 
     def target(self, sensors: Sensors, tick: int, command: Command) -> Array:
         """The joint targets ``(12,)`` [rad]; to be called once per tick.

@@ -12,6 +12,7 @@ standard library: it is copied with `bridge.py` into a driver's own environment.
 from __future__ import annotations
 
 import hashlib
+import operator
 import struct
 import zlib
 from collections.abc import Sequence
@@ -55,6 +56,15 @@ _COMMAND = struct.Struct("<60d")
 _STATE = struct.Struct("<BBBxIIIIQ50d")
 STATE_VALUES = struct.calcsize("<BBBxIIIIQ")
 """[B] Where the values of a STATE begin in its body."""
+_MEASURED = {
+    "joint_position": JOINTS,
+    "joint_velocity": JOINTS,
+    "joint_torque": JOINTS,
+    "orientation": 4,
+    "angular_velocity": 3,
+    "acceleration": 3,
+    "base": 4,
+}
 _NAME = 40
 _DESCRIPTION = struct.Struct(f"<{_NAME}s{JOINTS * _NAME}sI4d48d")
 _SIZES = {
@@ -92,6 +102,30 @@ class Packet(NamedTuple):
     time_ns: int
     echo_ns: int
     body: bytes = b""
+
+
+class Measurement(NamedTuple):
+    """What a driver measures: joint values in the description's order, SI units.
+
+    Attributes:
+        joint_position: Twelve joint angles [rad].
+        joint_velocity: Twelve joint rates [rad/s].
+        joint_torque: Twelve joint torques [N m].
+        orientation: Unit quaternion xyzw, base frame to world frame.
+        angular_velocity: Angular velocity of the base, base frame [rad/s].
+        acceleration: Specific force at the base, base frame [m/s^2].
+        base: Height [m] and linear velocity in the base frame [m/s]; None if nothing measures them.
+        faults: The driver's fault bits; any value but 0 latches the bridge for good.
+    """
+
+    joint_position: Sequence[float]
+    joint_velocity: Sequence[float]
+    joint_torque: Sequence[float]
+    orientation: Sequence[float]
+    angular_velocity: Sequence[float]
+    acceleration: Sequence[float]
+    base: Sequence[float] | None = None
+    faults: int = 0
 
 
 class State(NamedTuple):
@@ -153,6 +187,25 @@ class Description(NamedTuple):
 
 LONGEST_TIMEOUT = 1.0
 """[s] Nothing on the way may be silent, or late, for longer: a robot has fallen by then."""
+
+
+def check_measurement(measured: Measurement) -> None:
+    """Check that a driver's measurement can be sent, so that a wrong part is named.
+
+    Args:
+        measured: What the driver measured.
+
+    Raises:
+        ValueError: A part has the wrong length.
+        TypeError: A part is no sequence, or the fault bits are no whole number.
+    """
+    for name, length in _MEASURED.items():
+        if name == "base" and measured.base is None:
+            continue
+        found = len(getattr(measured, name))
+        if found != length:
+            raise ValueError(f"the driver's {name} has {found} numbers, and needs {length}")
+    operator.index(measured.faults)
 
 
 def check_description(description: Description) -> None:

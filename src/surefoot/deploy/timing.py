@@ -14,8 +14,9 @@ from surefoot.deploy.interfaces import Sensors
 
 BIN = 5
 """[us] The width of a bin."""
-BINS = 4000
-"""The number of bins: up to 20 ms; the last one also has all that took longer."""
+BINS = 200_000
+"""The number of bins: up to 1 s, the longest silence that a bridge may allow; the last one also has
+all that took longer."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,8 @@ class Deadlines:
         missed: How many ticks were missed.
         passed: How many ticks have passed, from that of the first measurement on.
         in_a_row: How many ticks were missed in a row until now.
+        behind: How many more ticks were missed than had a command in time, since it was last zero.
+        back_ns: By how much the robot's clock went back between the last two measurements [ns].
         unseen: How many ticks had no measurement between the last two measurements.
         steady: Whether no tick was unseen between the last two measurements.
         late_work: Whether the command for the last measurement took longer than a tick.
@@ -119,6 +122,8 @@ class Deadlines:
         self.missed = 0
         self.passed = 0
         self.in_a_row = 0
+        self.behind = 0
+        self.back_ns = 0
         self.unseen = 0
         self.steady = False
         self.late_work = False
@@ -141,6 +146,7 @@ class Deadlines:
             sensors: The measurement.
         """
         since = sensors.time_ns - (0 if self._last is None else self._last.time_ns)
+        self.back_ns = 0 if self._last is None else max(-since, 0)
         self.steady = self._last is not None and since < 1.5 * self._period_ns
         self.unseen = 0
         if self.is_new(sensors):
@@ -151,14 +157,33 @@ class Deadlines:
     def wait(self) -> None:
         """Note that no new measurement has come, so the last command is written again in time."""
         self.unseen = 0
-        self.count()
+        self._add(int(self.late_work))
         self.late_work = False
 
     def count(self) -> None:
         """Count the ticks missed before the last measurement; if there are none, a row ends."""
-        missed = max(self.unseen, int(self.late_work))
+        self._add(max(self.unseen, int(self.late_work)))
+        if not self.late_work:
+            self.behind = max(self.behind - 1, 0)
+
+    def _add(self, missed: int) -> None:
+        """Add missed ticks; none of them end a row."""
         self.missed += missed
+        self.behind += missed
         self.in_a_row = self.in_a_row + missed if missed else 0
+
+    def exceeded(self, in_a_row: int, behind: int) -> str | None:
+        """Why too many ticks were missed; None if they were not.
+
+        Args:
+            in_a_row: So many in a row are too many.
+            behind: So many more than had a command in time are too many.
+        """
+        if self.in_a_row >= in_a_row:
+            return f"{self.in_a_row} ticks in a row had no command in time; {in_a_row} are a fault"
+        if self.behind >= behind:
+            return f"{self.behind} more ticks were missed than had a command in time"
+        return None
 
     def worked(self, nanoseconds: int) -> None:
         """Note how long a command took.
@@ -171,4 +196,5 @@ class Deadlines:
     def begin(self) -> None:
         """Begin to count missed ticks in a row."""
         self.in_a_row = 0
+        self.behind = 0
         self.late_work = False

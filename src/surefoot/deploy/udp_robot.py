@@ -29,6 +29,8 @@ GREETING = 100_000_000
 """[ns] Interval between greetings until the first command; they keep other runtimes out."""
 STATE_PATIENCE = 5.0
 """[s] Maximum time that a robot in lockstep may be silent: its time stands still meanwhile."""
+RESTING = 0.3
+"""[s] How long a robot in lockstep is watched before its first command: it must not move."""
 NANOSECONDS = 1e9
 NUMBERS = np.dtype("<f8")
 """The type of the numbers in datagrams."""
@@ -121,7 +123,28 @@ class UdpRobot:
                 f"no bridge answers at {address_text(self._peer)} within {seconds:g} s: "
                 f"{self._silence()}"
             )
+        if self.lockstep:
+            self._check_lockstep()
         return self.description
+
+    def _check_lockstep(self) -> None:
+        """Check that the robot's time stands still until a command comes.
+
+        Raises:
+            Stale: It does not, so nobody would notice a command that comes too late.
+        """
+        newest = self._newest
+        time_ns = self._bridges_clock
+        begun = self._clock()
+        while self._newest == newest and self._clock() - begun < RESTING * NANOSECONDS:
+            self._channel.wait(0.02)
+            self.take()
+        latched = self.state is not None and self.state.status == protocol.LATCHED
+        if self._bridges_clock != time_ns and not latched:  # a latched robot may still be falling
+            raise Stale(
+                f"the robot at {address_text(self._peer)} does not wait for commands: leave out "
+                "--lockstep, or start the twin with it, too"
+            )
 
     def _silence(self) -> str:
         """Why the bridge may be silent."""
