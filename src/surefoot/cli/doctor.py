@@ -158,20 +158,29 @@ def check_plan() -> str:
 
 
 def check_simulator(backend: Backend) -> str:
-    """Step two robots ten times.
+    """Step two robots ten times; one then walks, which compiles what a plan does not.
 
     Args:
         backend: The simulator.
     """
     from surefoot.robots.load import load_robot
+    from surefoot.rollouts.arbiters import ExpertOnly
+    from surefoot.rollouts.episodes import Episodes
+    from surefoot.rollouts.jobs import Job, play_out
     from surefoot.sim import make_simulator
+    from surefoot.types import Command
+    from surefoot.viz.replay import standing_start
 
-    simulator = make_simulator(load_robot(), 2, SimulationConfig(backend))
+    simulation = SimulationConfig(backend)
+    simulator = make_simulator(load_robot(), 2, simulation)
     for _ in range(10):
         simulator.step(np.zeros((2, 12)))
     if not np.isfinite(simulator.state.q).all():
         raise RuntimeError("the state is not finite")
-    return "10 ticks of two robots"
+    config = Config(simulation=simulation)
+    start = standing_start(Command(0.2), config.robot)
+    play_out(Job(config, Episodes(start, 0.1), ExpertOnly()))
+    return "10 ticks of two robots, and 100 of one that walks"
 
 
 def check_training() -> str:
