@@ -11,7 +11,7 @@ from surefoot.deploy.export_file import read_export
 from surefoot.deploy.policy import load
 from surefoot.interop.logs.check import LogReport
 from surefoot.interop.logs.sensor_log import read_sensor_log, write_sensor_log
-from tests.fakes.exports import answered_log, exported
+from tests.fakes.exports import answered_log, exported, policy_of
 
 
 @pytest.fixture
@@ -30,6 +30,17 @@ def test_a_file_is_verified_and_described(surefoot, capsys, files):
     assert "whole; the network of a policy for solo12, 1000 Hz, layout full, trot" in printed
     assert "torque at most 2.7 N m" in printed
     assert "begins in the postures of: solo12-trot-v1" in printed
+
+
+def test_the_limits_of_all_joints_are_told_where_they_differ(surefoot, capsys, tmp_path):
+    """A Go2's knee has almost twice the torque of its hips, and the smallest is not the limit."""
+    path, _ = exported(tmp_path, policy=policy_of(robot="go2"))
+    assert surefoot("check", path) == 0
+    printed = capsys.readouterr().out
+    assert "torque at most 23.7, 23.7, 45.43 N m for the joints of a leg" in printed
+    assert "speed at most 30.1, 30.1, 15.7 rad/s for the joints of a leg" in printed
+    assert "-1.5708 to 3.4907" in printed and "-0.5236 to 4.5379" in printed
+    assert "hardware profile: none" in printed
 
 
 @pytest.mark.parametrize(

@@ -116,6 +116,8 @@ def lines_of(report: CheckReport) -> list[str]:
     Args:
         report: What a check has shown.
     """
+    from surefoot.interop.joint_text import each_joint, limits_in_words
+
     described = report.description
     low, high = described.command_range
     begins = described.start_range
@@ -124,9 +126,9 @@ def lines_of(report: CheckReport) -> list[str]:
         f"{described.rate_hz} Hz, layout {described.layout}, "
         f"{', '.join(gait.name for gait in described.gaits)}",
         f"  joints: {' '.join(described.joints)}",
-        f"  kp {described.kp[0]:g} N m/rad, kd {described.kd[0]:g} N m s/rad, torque at most "
-        f"{min(described.torque_limit):g} N m"
-        + (f" (profile {described.profile})" if described.profile else ""),
+        f"  kp {each_joint(described.kp, 'N m/rad')}, kd {each_joint(described.kd, 'N m s/rad')}",
+        f"  hardware profile: {described.profile or 'none'}",
+        *(f"  {limit}" for limit in limits_in_words(described)),
         f"  commands vx {low[0]:g} to {high[0]:g} m/s, vy {low[1]:g} to {high[1]:g} m/s, yaw rate "
         f"{low[2]:g} to {high[2]:g} rad/s",
         f"  begins in the postures of: {'unknown' if begins is None else begins.starts}",
