@@ -81,7 +81,7 @@ def test_every_number_has_a_range_and_is_refused_outside_it(kind, name, number, 
         with pytest.raises(ValueError) as error:
             made(kind, name, value, length)
         text = f"{path_of(kind, name, length)} is {value}; use {limits.least} to {limits.most}"
-        assert str(error.value) == text
+        assert str(error.value) == f"{text} {limits.unit}".rstrip()
 
 
 def is_uneven(kind, name) -> bool:

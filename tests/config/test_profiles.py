@@ -27,6 +27,11 @@ def test_solo12_has_the_numbers_of_its_driver():
         ({"position_limit": ((-1.0, 1.0),) * 4}, "has 4 pairs; give one for each"),
         ({"position_limit": ((1.0, -1.0),) * 3}, "the first must not exceed the second"),
         ({"torque_limit": (0.0, 1.0, 1.0)}, "use 0.01 to 10000"),
+        (
+            {"position_limit": ((-50.0, 50.0), (-83.0, 83.0), (-160.0, 160.0))},
+            r"position_limit\[0\]\[0\] is -50.0; use -12.57 to 12.57 rad",
+        ),
+        ({"command_timeout": 5.0}, "command_timeout is 5.0; use 0.001 to 1.0 s"),
         ({"rate": 0}, "robot.profile_spec.rate is 0; use 1 to"),
         ({"name": ""}, "lacks a name"),
     ],

@@ -105,6 +105,35 @@ def test_a_profile_of_another_robot_is_refused_wherever_it_stands():
         load_robot(RobotConfig("go2", profile_spec=ODRI))
 
 
+def test_a_profile_of_another_rate_than_the_policies_is_refused(tmp_path):
+    slow = replace(ODRI, name="slow", rate=500)
+    text = "'slow' takes commands at 500 Hz, but policies and simulations run at 1000 Hz"
+    with pytest.raises(ValueError, match=text):
+        load_robot(RobotConfig(profile_spec=slow))
+    file = tmp_path / "slow.json"
+    file.write_text(json.dumps(to_json(slow)))
+    with pytest.raises(ValueError, match=text):
+        with_profile(RobotConfig(), str(file))
+
+
+@pytest.mark.parametrize(
+    ("ranges", "joint"),
+    [
+        (((-0.9, 0.9), (-0.5, 0.5), (-2.8, 2.8)), "FL_HFE stands at 0.8 rad"),
+        (((-0.9, 0.9), (-1.45, 1.45), (-2.8, 0.0)), "HL_KFE stands at 1.6 rad"),
+    ],
+)
+def test_a_profile_in_which_the_robot_cannot_stand_is_refused(ranges, joint):
+    """It would latch while it stands up, before any policy drives."""
+    narrow = replace(ODRI, name="narrow", position_limit=ranges)
+    with pytest.raises(ValueError, match=joint) as error:
+        load_robot(RobotConfig(profile_spec=narrow))
+    assert "cannot stand within the hardware profile 'narrow'" in str(error.value)
+    assert "give the ranges of all 12 joints" in str(error.value)
+    twelve = replace(narrow, position_limit=ODRI.position_limit * 4)
+    assert load_robot(RobotConfig(profile_spec=twelve)).profile == twelve
+
+
 def test_ranges_and_speeds_are_judged_joint_by_joint():
     assert position_limits(ODRI).shape == (12, 2)
     q = np.zeros((25, 19))

@@ -226,12 +226,6 @@ def test_its_description_is_that_of_the_robot_or_of_a_profile(robot):
     assert odri.torque == (1.8,) * 12
 
 
-def test_a_profile_of_another_rate_than_the_policies_is_refused(robot):
-    slow = replace(robot, profile=replace(ODRI, rate=500))
-    with pytest.raises(ValueError, match="odri is 500 Hz, and the twin and policies run at 1000"):
-        description_of(slow, TwinConfig())
-
-
 def test_damping_follows_the_torque_limit(robot):
     assert damping_of(robot) == 0.2
     assert 1.0 < damping_of(load_robot("go2")) < 3.5

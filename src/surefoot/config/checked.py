@@ -44,10 +44,12 @@ class Within:
     Attributes:
         least: The smallest value that is allowed.
         most: The largest value that is allowed.
+        unit: The unit, for the message, where numbers in another one are a likely mistake.
     """
 
     least: float
     most: float
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -218,6 +220,7 @@ def _check_number(value: Any, kind: type, path: str, limits: Within | None) -> N
     if not _is_number(value, kind):
         raise ValueError(f"{path} is {value!r}, expected {kind.__name__}")
     if limits is not None and not limits.least <= value <= limits.most:
-        raise ValueError(f"{path} is {value}; use {limits.least} to {limits.most}")
+        unit = limits.unit and f" {limits.unit}"
+        raise ValueError(f"{path} is {value}; use {limits.least} to {limits.most}{unit}")
     if not math.isfinite(value):
         raise ValueError(f"{path} is {value}; use a finite number")

@@ -12,12 +12,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from surefoot.config.checked import Checked, Duration, Rates, Torques, Travel, Within
+from surefoot.config.checked import Checked, Duration, Rates, Rising, Torques, Within
 
 LEG_JOINTS = 3
 """The joints of a leg."""
 ALL_JOINTS = 12
 """The joints of a robot."""
+
+Range = Annotated[tuple[float, float], Within(-12.57, 12.57, "rad"), Rising()]
+"""The smallest and the largest angle of a joint, within two turns either way [rad]."""
+Timeout = Annotated[float, Within(0.001, 1.0, "s")]
+"""How long a robot may be without commands; a bridge allows no more, since it has fallen by then
+[s]."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +42,7 @@ class HardwareProfile(Checked):
     """The name of the robot that it belongs to."""
     torque_limit: Torques
     """[N m] the largest torques of a leg's joints, to which the drivers clip."""
-    position_limit: tuple[Travel, ...]
+    position_limit: tuple[Range, ...]
     """[rad] the ranges of a leg's three joints, the same for all legs, or of all twelve; a joint
     beyond its range latches."""
     speed_limit: Rates
@@ -45,7 +51,7 @@ class HardwareProfile(Checked):
     """[s] a torque that has been at its limit for so long latches; None never does."""
     rate: Annotated[int, Within(1, 100_000)] = 1000
     """[Hz] how often the robot takes commands."""
-    command_timeout: Duration = 0.005
+    command_timeout: Timeout = 0.005
     """[s] without a command for so long, the motor boards latch."""
     damping: Annotated[float, Within(0.0, 1000.0)] = 0.2
     """[N m s/rad] the damping of the joints of a robot that has latched."""

@@ -21,7 +21,7 @@ from surefoot.robots.canonical import BASE, PARTS, canonical_model, joint_axes
 from surefoot.robots.data_file import SUFFIXES, read_data_file
 from surefoot.robots.description import Description, read_description
 from surefoot.robots.model import RobotModel, Shape, standing
-from surefoot.robots.profile import checked_profile, load_profile, torque_limits
+from surefoot.robots.profile import check_standing, checked_profile, load_profile, torque_limits
 from surefoot.types import LEGS, Array
 
 MOST_BYTES = 1_000_000
@@ -86,6 +86,8 @@ def _model(
         profile=profile,
     )
     _check_pose(loaded)
+    if profile is not None:
+        check_standing(profile, loaded.nominal[7:], spec.name)
     if spec.nominal_height is None:
         return replace(loaded, nominal=standing(loaded))
     return loaded
@@ -121,7 +123,8 @@ def find_profile(config: RobotConfig) -> HardwareProfile | None:
         config: The configuration of the robot.
 
     Raises:
-        ValueError: There is no such profile or file, or it belongs to another robot.
+        ValueError: There is no such profile or file, it belongs to another robot, or it takes
+            commands at another rate.
     """
     if config.profile_spec is not None:
         return checked_profile(config.profile_spec, find_spec(config).name)
@@ -138,7 +141,8 @@ def with_profile(config: RobotConfig, which: str) -> RobotConfig:
         which: The name of a profile of the package, or a JSON or TOML file with one.
 
     Raises:
-        ValueError: There is no such profile or file, or it belongs to another robot.
+        ValueError: There is no such profile or file, it belongs to another robot, or it takes
+            commands at another rate.
     """
     return holding_profile(config, load_profile(which, find_spec(config).name))
 

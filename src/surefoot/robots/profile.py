@@ -13,7 +13,7 @@ import numpy as np
 from surefoot.config.profiles import PROFILES, HardwareProfile
 from surefoot.errors import unknown
 from surefoot.robots.data_file import SUFFIXES, read_data_file
-from surefoot.types import LEGS, Array, BoolArray
+from surefoot.types import JOINTS, LEGS, TICKS_PER_SECOND, Array, BoolArray
 
 MOST_BYTES = 100_000
 """[B] No file with a profile is larger."""
@@ -27,7 +27,8 @@ def load_profile(which: str, robot: str) -> HardwareProfile:
         robot: The name of the robot that it has to belong to.
 
     Raises:
-        ValueError: There is no such profile or file, or it belongs to another robot.
+        ValueError: There is no such profile or file, it belongs to another robot, or it takes
+            commands at another rate.
     """
     if which in PROFILES:
         profile = PROFILES[which]
@@ -42,21 +43,53 @@ def load_profile(which: str, robot: str) -> HardwareProfile:
 
 
 def checked_profile(profile: HardwareProfile, robot: str) -> HardwareProfile:
-    """Return a profile, if it belongs to the robot.
+    """Return a profile, if it belongs to the robot, and policies can drive at its rate.
 
     Args:
         profile: The profile.
         robot: The name of the robot that it has to belong to.
 
     Raises:
-        ValueError: It belongs to another robot.
+        ValueError: It belongs to another robot, or takes commands at another rate.
     """
     if profile.robot != robot:
         raise ValueError(
             f"the hardware profile {profile.name!r} belongs to the robot {profile.robot}, not to "
             f"{robot}; name a profile of {robot}, or write one in a {' or '.join(SUFFIXES)} file"
         )
+    if profile.rate != TICKS_PER_SECOND:
+        raise ValueError(
+            f"the hardware profile {profile.name!r} takes commands at {profile.rate} Hz, but "
+            f"policies and simulations run at {TICKS_PER_SECOND} Hz: set its rate to "
+            f"{TICKS_PER_SECOND} if the robot takes them so often, or leave the profile out"
+        )
     return profile
+
+
+def check_standing(profile: HardwareProfile, joints: Array, robot: str) -> None:
+    """Check that a robot may stand within its profile.
+
+    Args:
+        profile: The profile.
+        joints: ``(12,)`` the joint angles of the standing robot [rad].
+        robot: The name of the robot.
+
+    Raises:
+        ValueError: A joint of the standing robot is not within its range, so that the robot would
+            latch before it walks.
+    """
+    outside = [
+        f"{joint} stands at {angle:.3g} rad, and may have {low:g} to {high:g} rad"
+        for joint, angle, (low, high) in zip(JOINTS, joints, position_limits(profile), strict=True)
+        if not low < angle < high
+    ]
+    if outside:
+        raise ValueError(
+            f"{robot} cannot stand within the hardware profile {profile.name!r}: "
+            f"{'; '.join(outside)}. Correct position_limit: radians, with the zeros and signs that "
+            f"`surefoot robot {robot}` shows; give the ranges of all {len(JOINTS)} joints where "
+            "those of the legs differ"
+        )
 
 
 def torque_limits(profile: HardwareProfile) -> Array:

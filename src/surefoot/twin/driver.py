@@ -201,9 +201,6 @@ def description_of(robot: RobotModel, config: TwinConfig) -> Description:
     Args:
         robot: The robot; the limits and timeouts of a hardware profile replace the others.
         config: The timeouts.
-
-    Raises:
-        ValueError: The rate of the profile is not that of policies.
     """
     low, high = robot.position_limit.T
     description = Description(
@@ -222,11 +219,6 @@ def description_of(robot: RobotModel, config: TwinConfig) -> Description:
     limits = robot.profile
     if limits is None:
         return description
-    if limits.rate != TICKS_PER_SECOND:
-        raise ValueError(
-            f"the rate of the profile {limits.name} is {limits.rate} Hz, and the twin and policies "
-            f"run at {TICKS_PER_SECOND} Hz: leave it out"
-        )
     low, high = position_limits(limits).T
     return description._replace(
         rate_hz=limits.rate,
