@@ -1,6 +1,7 @@
 """The whole pipeline as a graph: the runtime's numbers, from exploy's inputs."""
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,9 @@ from surefoot.interop.onnx.runner import PipelineRunner
 from surefoot.learning.layouts import LAYOUTS
 from surefoot.learning.onnx_graph import runner
 from surefoot.learning.policy import Policy
+from surefoot.runs.policies import PACKAGED_POLICY
 from surefoot.types import GaitCommand
+from tests.docs.pages import ROOT
 from tests.fakes.exports import GAITS, exported, policy_of, robot_of, smooth_log
 
 
@@ -93,6 +96,24 @@ def test_a_proprioceptive_pipeline_asks_the_imu_and_its_memory(tmp_path):
     assert {"sensor.imu.base.w_Q_b", "sensor.imu.base.ang_vel_b_rt_w_in_b", MEMORY_IN} <= names
     assert not any(name.startswith("obj.solo12.base") for name in names)
     assert MEMORY_OUT in {tensor.name for tensor in model.graph.output}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("gaits", [GAITS[:1], GAITS], ids=["one gait", "two gaits"])
+def test_the_documentation_lists_all_inputs_and_says_which_are_not_always_there(layout, gaits):
+    policy = policy_of(layout, gaits=gaits)
+    description = describe(policy, PACKAGED_POLICY, robot_of(), Config())
+    names = {tensor.name for tensor in pipeline_model(policy, description).graph.input}
+    page = (ROOT / "docs" / "export.md").read_text()
+    table = page.split("## The whole pipeline")[1].split("| input | what |")[1].split("\n\n")[0]
+    listed: set[str] = set()
+    for row in table.splitlines()[2:]:
+        inputs, what = row.strip("| ").split(" | ")
+        named = {name.replace("ROBOT", "solo12") for name in re.findall(r"`([^`]+)`", inputs)}
+        listed |= named
+        if "for a policy of several gaits" not in what and "if the layout" not in what:
+            assert named <= names
+    assert names <= listed
 
 
 def test_one_of_several_gaits_is_chosen_by_an_input(tmp_path):
