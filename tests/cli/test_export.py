@@ -57,6 +57,12 @@ def test_a_profile_gives_its_limits_to_the_file(surefoot, run_folder, tmp_path):
     assert surefoot("export", run_folder, "--onnx", file, "--profile", "odri") == 0
     description = read_export(file).description
     assert (description.profile, description.torque_limit[0]) == ("odri", 1.8)
+    card = (tmp_path / "network.onnx.md").read_text()
+    assert "Limits, with the hardware profile `odri`: torque at most 1.8 N m; speed" in card
+    assert "angles -0.9 to 0.9, -1.45 to 1.45, -2.8 to 2.8 rad for the joints of a leg" in card
+    assert surefoot("export", run_folder, "--onnx", file) == 0
+    card = (tmp_path / "network.onnx.md").read_text()
+    assert "Limits, with no hardware profile: torque at most 2.7 N m;" in card
 
 
 def test_nothing_is_written_if_one_of_the_files_cannot_be(surefoot, capsys, tmp_path):
@@ -99,9 +105,15 @@ def test_a_policy_file_alone_does_not_know_where_it_began(surefoot, capsys, run_
     assert surefoot("export", policy, "--onnx", file) == 0
     assert "name them with --starts" in capsys.readouterr().out
     assert read_export(file).description.start_range is None
-    assert "is not known here" in (tmp_path / "network.onnx.md").read_text()
+    card = (tmp_path / "network.onnx.md").read_text()
+    assert "is not known here" in card
+    assert "Initial states: unknown, so that no runtime can tell" in card
     assert surefoot("export", policy, "--onnx", file, "--starts", "solo12-trot-v1") == 0
     assert read_export(file).description.start_range is not None
+    assert (
+        "Initial states: `solo12-trot-v1`, with roll -"
+        in (tmp_path / "network.onnx.md").read_text()
+    )
 
 
 @pytest.mark.parametrize(

@@ -223,7 +223,7 @@ def use_of(
         target: The run's folder, or the policy file, that was named; None for that of the package.
         run: The run that the policy lies in; None outside of any.
     """
-    from surefoot.interop.cards import PolicyUse
+    from surefoot.interop.cards import PolicyUse, limits_and_starts
     from surefoot.runs.layout import ATTEMPTS_FILE
     from surefoot.study.report.run_limits import limitations
 
@@ -245,4 +245,5 @@ def use_of(
         tuple(limits),
         tuple(checks),
         measured,
+        limits_and_starts(written),
     )

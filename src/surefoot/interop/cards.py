@@ -15,9 +15,11 @@ from typing import Literal
 
 from surefoot.config import Config
 from surefoot.config.json_io import to_json
+from surefoot.deploy.description import PolicyDescription
 from surefoot.evaluation.robustness import Robustness
 from surefoot.files import is_stream, write_atomic
 from surefoot.interop.datasets.segments import SIMULATED, Exported
+from surefoot.interop.joint_text import limits_in_words
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.policy import Policy, PolicySpec, policy_spec
 from surefoot.types import TICKS_PER_SECOND
@@ -97,12 +99,14 @@ class PolicyUse:
         limits: What must not be expected of the policy, in sentences.
         checks: Commands that check or measure the policy.
         measured: The robustness that its run measured; None if unknown.
+        holds: What the file holds besides the policy, in sentences.
     """
 
     summary: str
     limits: tuple[str, ...]
     checks: tuple[str, ...]
     measured: Robustness | None = None
+    holds: tuple[str, ...] = ()
 
 
 def write_policy_card(policy: Policy, file: Path, use: PolicyUse) -> Path | None:
@@ -123,6 +127,26 @@ def write_policy_card(policy: Policy, file: Path, use: PolicyUse) -> Path | None
     if card is not None:
         write_atomic(card, policy_card(policy, file.name, use).encode())
     return card
+
+
+def limits_and_starts(description: PolicyDescription) -> tuple[str, str]:
+    """What an exported file holds of limits and of initial states, a sentence each.
+
+    Args:
+        description: What the file says.
+    """
+    profile = "no hardware profile"
+    if description.profile is not None:
+        profile = f"the hardware profile `{description.profile}`"
+    begins = description.start_range
+    starts = "unknown, so that no runtime can tell in which postures it may begin"
+    if begins is not None:
+        roll, pitch = (f"{low:.3g} to {high:.3g} rad" for low, high in (begins.roll, begins.pitch))
+        starts = f"`{begins.starts}`, with roll {roll} and pitch {pitch}"
+    return (
+        f"Limits, with {profile}: {'; '.join(limits_in_words(description))}.",
+        f"Initial states: {starts}.",
+    )
 
 
 def card_path(file: Path | None) -> Path | None:
@@ -166,6 +190,7 @@ def policy_card(policy: Policy, title: str, use: PolicyUse) -> str:
         *_walking(policy.spec, (vx, vy, yaw_rate)),
         f"- Layout `{spec.layout.name}`, {spec.input_size} numbers at 1 kHz: {seen}; then "
         f"{', '.join(spec.goal_sizes)}.",
+        *(f"- {text}" for text in use.holds),
         "",
         "## Where it comes from",
         "",
