@@ -153,6 +153,8 @@ def test_initial_states_are_of_all_gaits_of_the_policy_and_of_no_other(tmp_path)
         described(trotting)
     with pytest.raises(ValueError, match=r"bounding are of .*the policy walks in trot, walk"):
         described(trotting, bounding)
+    with pytest.raises(ValueError, match=r"two sets of .*, the second one again; name one set for"):
+        described(trotting, walking, replace(trotting, name="again"))
 
 
 def test_limits_are_never_wider_than_those_that_the_policy_was_trained_within(tmp_path):

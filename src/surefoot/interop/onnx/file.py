@@ -101,7 +101,7 @@ def describe(
 
     Raises:
         ValueError: The policy, or a set of initial states, belongs to another robot, or the sets
-            are for other gaits.
+            are for other gaits, or two of them for the same.
     """
     if policy.robot != robot.name:
         raise ValueError(
@@ -147,7 +147,7 @@ def describe(
 
 
 def _check_starts(stored: Sequence[StartSet], policy: Policy) -> None:
-    """Check that sets of initial states are for a policy's robot, and for all of its gaits.
+    """Check that sets of initial states are for a policy's robot, and one for each of its gaits.
 
     Raises:
         ValueError: They are not.
@@ -169,6 +169,11 @@ def _check_starts(stored: Sequence[StartSet], policy: Policy) -> None:
             raise ValueError(
                 f"the initial states {each.name} are of {gait_in_words(each.gait)}, and the policy "
                 f"walks in {names}; name those that it was trained from"
+            )
+        if timing not in missing:
+            raise ValueError(
+                f"there are two sets of initial states of {gait_in_words(each.gait)}, the second "
+                f"one {each.name}; name one set for each gait of the policy ({names})"
             )
         missing.discard(timing)
     if missing:
