@@ -13,13 +13,20 @@ import numpy as np
 import pytest
 
 from surefoot.bench.engine import standing_policy
-from surefoot.cli.run import RunPolicy, expert_config, gait_number, gate_bounds, what_to_do
+from surefoot.cli.run import (
+    RunPolicy,
+    expert_config,
+    gait_number,
+    gate_bounds,
+    warn_of_unknown_starts,
+    what_to_do,
+)
 from surefoot.cli.twin import RunTwin, seen
 from surefoot.config import Config, Gait, PolicyConfig
 from surefoot.config.deploy import RuntimeConfig
 from surefoot.config.twin import LinkConfig, TwinConfig
 from surefoot.deploy.bridge import UdpChannel
-from surefoot.deploy.description import layout_terms
+from surefoot.deploy.description import StartRange, layout_terms
 from surefoot.deploy.drive import DriveReport
 from surefoot.deploy.interfaces import Sensors
 from surefoot.deploy.policy import OnnxPolicy, load
@@ -109,9 +116,22 @@ def test_numpy_onnx_runtime_and_tyro_are_enough_to_drive(twin, tmp_path):
     child = subprocess.run(program, capture_output=True, text=True)
     assert child.returncode == 0, child.stderr
     assert "lies outside of what the policy was trained on" in child.stderr
+    assert "does not hold the initial states it was trained from" in child.stderr
     assert json.loads(file.read_text())["seconds"] == pytest.approx(0.2, abs=0.01)
     assert len(load_flight(tmp_path / "flight.npz").tick) >= 500
     assert wait_for(lambda: simulated.bridge.commands >= 499)
+
+
+def test_a_file_without_initial_states_is_warned_of_in_a_line(policy, caplog):
+    """Otherwise nobody would know that the fault posture cannot occur."""
+    warn_of_unknown_starts(load(policy))
+    (record,) = caplog.records
+    assert "does not hold the initial states it was trained from" in record.message
+    assert "surefoot export --starts" in record.message and "\n" not in record.message
+    caplog.clear()
+    known = StartRange((-0.1, 0.1), (-0.1, 0.1), ((-3.0, 3.0),) * 12, "solo12-trot-v1")
+    warn_of_unknown_starts(with_description(policy, start_range=known))
+    assert not caplog.records
 
 
 def test_a_second_runtime_finds_the_robot_set_up_again(surefoot, policy, twin, tmp_path):

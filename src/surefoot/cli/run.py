@@ -104,6 +104,7 @@ class RunPolicy:
         self.check_start()
         policy = load(self.policy)
         gait = gait_number(policy, self.gait)
+        warn_of_unknown_starts(policy)
         with ExitStack() as closing:
             safeguard = self.safeguard(policy, closing)
             robot = robot_at(peer, self.lockstep)
@@ -211,6 +212,19 @@ class RunPolicy:
             self.config.plan_latency,
             self.config.plan_patience,
             self.lockstep,
+        )
+
+
+def warn_of_unknown_starts(policy: OnnxPolicy) -> None:
+    """Say so if a policy's file has no initial states, so that any posture will do.
+
+    Args:
+        policy: The policy.
+    """
+    if policy.description.start_range is None:
+        logger.warning(
+            "the policy's file does not hold the initial states it was trained from: it will drive "
+            "from any posture; name them with `surefoot export --starts`"
         )
 
 
