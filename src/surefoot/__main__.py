@@ -89,6 +89,11 @@ def main() -> int:
         leave_signals(status)
     except KeyboardInterrupt:  # between the command's end and here: what it did stands
         leave_signals(status)
+    if "viser" in sys.modules:
+        # All is closed and written by now, and an interpreter that has served a page often crashes
+        # while it ends, when its libraries are unloaded under their own threads.
+        sys.stderr.flush()
+        os._exit(status)
     return status
 
 

@@ -1,6 +1,9 @@
 """The command view: what it opens, and what it refuses before it opens anything."""
 
+import signal
+import subprocess
 import sys
+import time
 
 import pytest
 
@@ -100,3 +103,22 @@ def test_a_missing_viser_is_named(surefoot, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "viser", None)
     assert surefoot("view", "--no-browser", "--port", 0) == 2
     assert "pip install 'surefoot[viz]'" in capsys.readouterr().err
+
+
+@needs_viser
+@pytest.mark.thorough
+@pytest.mark.parametrize("seconds", [1.0, 3.0])
+def test_an_interrupted_page_ends_without_a_crash(seconds):
+    command = [sys.executable, "-m", "surefoot", "view", "--port", "0", "--no-browser"]
+    with subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        text=True,
+        # As at a terminal, whatever those who run the tests ignore.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    ) as page:
+        assert page.stdout is not None
+        assert "Ctrl-C ends it" in page.stdout.readline()
+        time.sleep(seconds)
+        page.send_signal(signal.SIGINT)
+        assert page.wait(60) == 0
