@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from surefoot.config.studies import regimes_study
+from surefoot.config.study import Measurement
 from surefoot.runs.metrics import Collected
 from surefoot.study.cells import cells_of
 from surefoot.study.paper_claims import paper_claims
@@ -132,3 +133,15 @@ def test_what_came_of_the_predictions_stands_between_tables_and_comparisons(tmp_
     below = text[text.index("### What was predicted") : text.index("### Planned comparisons")]
     assert f"| {first.prediction} | **false** | 3 of 100 |" in below
     assert below.count("**not judged yet**") == len(others)
+
+
+def test_impulses_that_robots_withstand_have_a_column_in_newtons_seconds(tmp_path):
+    push = Measurement("push", "largest impulse", "impulse")
+    pushed = replace(SMALL, measurements=(*SMALL.measurements, push))
+    runs = [FakeRun(falls=(0,), impulse=(2.0, 2.0)), FakeRun(falls=(0,), impulse=(3.0, 3.5))]
+    text = page(study_results({"dagger": runs}, pushed), tmp_path / "page.md")
+    rows = [[cell.strip() for cell in line.split("|")] for line in text.splitlines()]
+    column = next(row for row in rows if "technique" in row).index("largest impulse [N s]")
+    cell = next(row for row in rows if "DAGGER" in row)[column]
+    assert cell.startswith("**2.62** [") and cell.endswith("]: 2.00, 3.25")
+    assert "in percent or in N s" in text

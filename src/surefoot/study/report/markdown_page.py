@@ -23,7 +23,8 @@ from surefoot.study.report.study_page import StudyReport
 from surefoot.study.report.tables import mean_costs
 from surefoot.study.report.verdicts import UNJUDGED, JudgedSentence
 from surefoot.study.results import CellResult, StudyResults, about_shared_data
-from surefoot.study.run_values import is_trained
+from surefoot.study.run_statistics import mean_of_runs
+from surefoot.study.run_values import best_value, is_trained
 
 UNMEASURED = "–"
 """Shown in a table where nothing was measured."""
@@ -75,13 +76,17 @@ def _about(results: StudyResults, report: StudyReport) -> str:
     cells = len(trained)
     complete = len(set(trained) - set(report.missing))
     made_by = f" of commit {report.commit[:12]}" if report.commit else ""
+    impulses = ""
+    if any(each.measure == "impulse" for each in results.study.measurements):
+        impulses = " or in N s"
     errors = ""
     if any(figure.name == BEST_ERRORS for figure in report.figures):
         errors = "Errors are of all episodes that last 1 s, means over runs. "
     return (
         f"{complete} of {cells} trainings{made_by} are complete. A cell holds the mean "
-        "over runs in percent, its 95 % interval over runs in brackets, and every run, which is a "
-        f"seed of the data: several trainings on it count as one run, with their mean. {errors}"
+        f"over runs in percent{impulses}, its 95 % interval over runs in brackets, and every run, "
+        "which is a seed of the data: several trainings on it count as one run, with their mean. "
+        f"{errors}"
         "Falls are those of all rollouts from which a run learned; the seconds are those of the "
         f"MPC, solves of 0.05 s each. {about_shared_data(results)}"
     ).rstrip()
@@ -110,16 +115,31 @@ def _setting_table(
 ) -> str:
     """The table of a setting: the expert, then the techniques in the study's order."""
     titles = [each.title for each in results.study.measurements if each.measure == "robustness"]
+    pushes = [each for each in results.study.measurements if each.measure == "impulse"]
     lines = []
     for curve in figure.curves:
-        cells = [_success(panel, curve.technique) for panel in panels]
-        if all(cell == UNMEASURED for cell in cells):
+        cells = list(results.of(curve.technique, setting))
+        measured = [_success(panel, curve.technique) for panel in panels]
+        measured += [_impulse(cells, each.name) for each in pushes]
+        if all(cell == UNMEASURED for cell in measured):
             continue
-        costs = _costs(list(results.of(curve.technique, setting)))
         errors = [", ".join(_error(panel, curve.technique) for panel in tracking)]
-        lines.append([curve.title, *cells, *(errors if tracking else []), *costs])
+        lines.append([curve.title, *measured, *(errors if tracking else []), *_costs(cells)])
+    titles += [f"{each.title} [N s]" for each in pushes]
     errors = [TRACKING.format(titles[0])] if tracking else []
     return markdown(["technique", *titles, *errors, "falls, mean", "MPC [s], mean"], lines)
+
+
+def _impulse(cells: Sequence[CellResult], measurement: str) -> str:
+    """The impulse that a technique's best policies withstand: mean, interval and every run."""
+    runs = best_value(cells, measurement, "impulse")
+    if runs is None:
+        return UNMEASURED
+    means = mean_of_runs(runs)
+    interval = (
+        "" if means.interval is None else f" [{means.interval[0]:.2f}, {means.interval[1]:.2f}]"
+    )
+    return f"**{means.mean:.2f}**{interval}: {', '.join(f'{value:.2f}' for value in runs.values)}"
 
 
 def _success(panel: Panel, technique: str) -> str:
