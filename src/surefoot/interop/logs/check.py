@@ -5,7 +5,7 @@ is compared with the input that the runtime computes, with the input that the ne
 robot, and, through the network, with the joint targets that the robot was commanded. If nothing
 differs, or a difference has no explanation, the sensors are compared with each other and with the
 robot. Read `differences` for how differences are put into words, `hypotheses` for logs with joint
-targets only, and `plausibility` for logs with sensors only.
+targets only, and `rates` and `plausibility` for logs with sensors only.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ from surefoot.deploy.export_file import ExportFile
 from surefoot.deploy.policy import OnnxPolicy
 from surefoot.interop.logs.differences import Numbers, explain, first_beyond, largest
 from surefoot.interop.logs.hypotheses import explain_targets, explain_term
-from surefoot.interop.logs.plausibility import explain_height, explain_posture, explain_sensors
+from surefoot.interop.logs.plausibility import explain_height, explain_posture
+from surefoot.interop.logs.rates import explain_sensors
 from surefoot.interop.logs.replay import (
     Finding,
     Network,
@@ -247,9 +248,9 @@ class _Comparison:
                 continue
             frame = rotation(self.log.orientation) if name in FRAMED else None
             names = component_names(name, wanted.shape[1])
-            kind, text = explain(wanted, found, names, rotation=frame)
-            text = f"{name}: {what} differs from row {row} on; {text}"
-            self.findings.append(Finding(name, kind, text))
+            told = explain(wanted, found, names, rotation=frame)
+            text = f"{name}: {what} differs from row {row} on; {told.text}"
+            self.findings.append(Finding(name, told.kind, text))
             return
 
     def network(self, what: str, expected: Numbers, given: Numbers) -> None:

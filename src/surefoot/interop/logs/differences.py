@@ -28,10 +28,12 @@ class Explanation(NamedTuple):
     Attributes:
         kind: `order`, `sign`, `scale`, `frame`, `time` or `unknown`.
         text: The same in words.
+        left: What remains of the difference then, as a fraction of the size of the numbers.
     """
 
     kind: str
     text: str
+    left: float = 1.0
 
 
 def largest(expected: Numbers, given: Numbers) -> tuple[float, int]:
@@ -51,6 +53,17 @@ def first_beyond(expected: Numbers, given: Numbers, tolerance: float) -> int:
     """
     beyond = (np.abs(given - expected) > tolerance).any(axis=1)
     return int(beyond.argmax()) if beyond.any() else -1
+
+
+def remaining(expected: Array, given: Array) -> float:
+    """The root mean square of a difference, as a fraction of that of the numbers.
+
+    Args:
+        expected: One recording.
+        given: The other.
+    """
+    size = np.sqrt(np.mean(given**2))
+    return float(np.sqrt(np.mean((given - expected) ** 2)) / max(size, 1e-3))
 
 
 def explain(
@@ -77,17 +90,19 @@ def explain(
         ):
             turned = (turn @ expected[..., None])[..., 0]
             if _agree(turned, given, tolerance) and not _agree(expected, given, tolerance):
-                return Explanation("frame", f"it is {text}")
+                return Explanation("frame", f"it is {text}", remaining(turned, given))
     matches = [_match(expected, given[:, i], i, tolerance) for i in range(len(names))]
     found = [match for match in matches if match is not None]
     if len(found) == len(names):
-        return _in_words(found, names)
+        changed = np.column_stack([expected[:, each.column] * each.factor for each in found])
+        return _in_words(found, names)._replace(left=remaining(changed, given))
     for delay in (*range(1, MOST_DELAY + 1), *range(-1, -MOST_DELAY - 1, -1)):
         early = given[:delay] if delay < 0 else given[delay:]
         late = expected[-delay:] if delay < 0 else expected[:-delay]
         if len(early) > 1 and _agree(late, early, tolerance):
             when = "later" if delay > 0 else "earlier"
-            return Explanation("time", f"it comes {abs(delay)} rows {when}")
+            text = f"it comes {abs(delay)} rows {when}"
+            return Explanation("time", text, remaining(late, early))
     error, row = largest(expected, given)
     return Explanation("unknown", f"it differs by up to {error:.3g}, most in row {row}")
 
@@ -126,9 +141,8 @@ def _factor(expected: Array, given: Array) -> float:
 
 
 def _agree(expected: Array, given: Array, tolerance: float) -> bool:
-    """Whether the root mean square of a difference is a small fraction of that of the numbers."""
-    size = np.sqrt(np.mean(given**2))
-    return bool(np.sqrt(np.mean((given - expected) ** 2)) <= tolerance * max(size, 1e-3))
+    """Whether two recordings differ by a small fraction of their size."""
+    return remaining(expected, given) <= tolerance
 
 
 def _in_words(matches: Sequence[_Match], names: Sequence[str]) -> Explanation:

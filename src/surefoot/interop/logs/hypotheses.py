@@ -3,7 +3,7 @@
 A log with joint targets, but without the network's input, shows only that something was wrong. Each
 hypothesis changes one term of the log, and the one with which the network gives the commanded
 targets is named. If the network's input agrees, only the targets can be wrong. Factors are fitted.
-Read `plausibility` next, for what a log without targets shows.
+Read `rates` next, for what a log without targets shows.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ def hypotheses(log: SensorLog) -> Iterator[Hypothesis]:
     yield from _signs_and_orders(log)
     yield from _delays(log)
     yield from _frames(log)
-    yield from _orientations(log)
+    yield from orientations(log)
     yield from _clocks(log)
 
 
@@ -135,12 +135,17 @@ def _frames(log: SensorLog) -> Iterator[Hypothesis]:
             yield Hypothesis((term,), "frame", text, _with(term, turned))
 
 
-def _orientations(log: SensorLog) -> Iterator[Hypothesis]:
-    """Quaternions in another order, of the inverse rotation, or with other signs."""
+def orientations(log: SensorLog) -> Iterator[Hypothesis]:
+    """Quaternions in another order, of the inverse rotation, or with other signs.
+
+    Args:
+        log: The log.
+    """
     quat = log.orientation
     for kind, text, changed in (
         ("order", "w comes first instead of last", quat[:, [3, 0, 1, 2]]),
         ("order", "w is taken to come first", quat[:, [1, 2, 3, 0]]),
+        ("order", "x and y are exchanged", quat[:, [1, 0, 2, 3]]),
         ("frame", "it is that of the world in the base frame", quat * (-1.0, -1.0, -1.0, 1.0)),
     ):
         yield Hypothesis(("orientation",), kind, text, _with("orientation", changed))

@@ -1,31 +1,23 @@
-"""What a log's sensors say about each other and about the robot, whatever was commanded.
+"""What a log's sensors say about the robot, whatever was commanded.
 
-Joint rates must be the derivatives of the angles, and the angular velocity must match the turning
-of the orientation. The posture must be like those that the policy was trained from, and the height
-must match the legs. A robot's own flights can only be judged in this way, because their targets
-were computed from the same sensors. Read `hypotheses` for what may be wrong.
+The posture must be like those that the policy was trained from, and the height must match the legs.
+Read `rates` next, for what the sensors say about each other, and `hypotheses` for what may be
+wrong.
 """
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
 from surefoot.deploy.description import PolicyDescription, start_limits
 from surefoot.deploy.kinematics import feet_and_com
-from surefoot.interop.logs.differences import DEGREES, explain
+from surefoot.interop.logs.differences import DEGREES
 from surefoot.interop.logs.hypotheses import BOTH_JOINT_TERMS, hypotheses, scaled
 from surefoot.interop.logs.replay import Finding
-from surefoot.interop.logs.sensor_log import AXES, SensorLog
+from surefoot.interop.logs.sensor_log import SensorLog
 from surefoot.rotations import rotation
 from surefoot.types import JOINTS, Array
 
-CONSISTENT = 0.3
-"""A measured rate is taken for the derivative if the root mean square of the difference is at most
-this fraction of that of the rates; impacts of the feet cause some difference."""
-LEAST_RATE = 0.05
-"""[rad/s] Rates with a smaller root mean square than this show nothing."""
 MARGIN = 0.1
 """[rad] How far a joint may be beyond its limits."""
 PERTURBED = 0.5
@@ -138,76 +130,3 @@ def explain_height(log: SensorLog, description: PolicyDescription) -> list[Findi
         f"{expected:.3g} m above the lowest foot; {how}"
     )
     return [Finding("base_height", kind, text)]
-
-
-def explain_sensors(log: SensorLog) -> list[Finding]:
-    """The rates that are not the derivatives of their angles or of the orientation.
-
-    Args:
-        log: The log; rows that repeat a measurement, as after a lost datagram, are left out.
-    """
-    new = np.diff(log.time_ns, prepend=log.time_ns[0] - 1) != 0
-    if new.sum() < 2 or (np.diff(log.time_ns) < 0).any():
-        return [Finding("time_ns", "time", "time_ns: it does not rise from row to row")]
-    log = log.at(new)
-    dt = np.diff(log.time_ns) / 1e9
-    pairs = []
-    slope = np.diff(log.joint_position, axis=0) / dt[:, None]
-    rate = (log.joint_velocity[1:] + log.joint_velocity[:-1]) / 2.0
-    pairs.append(("joint_velocity", "the derivative of joint_position", slope, rate, JOINTS))
-    turn = rotation(log.orientation)
-    spin = _spin(turn, dt)
-    gyro = (log.angular_velocity[1:] + log.angular_velocity[:-1]) / 2.0
-    pairs.append(("angular_velocity", "the turning of orientation", spin, gyro, AXES))
-    findings = []
-    for term, source, expected, given, names in pairs:
-        size = max(np.sqrt(np.mean(expected**2)), np.sqrt(np.mean(given**2)))
-        error = np.sqrt(np.mean((given - expected) ** 2))
-        if size < LEAST_RATE:
-            continue
-        if error <= CONSISTENT * size:
-            findings += _opposite(term, source, expected, given, names)
-            continue
-        frame = turn[1:] if term == "angular_velocity" else None
-        kind, text = explain(expected, given, names, CONSISTENT, frame)
-        findings.append(Finding(term, kind, f"{term}: it is not {source}; {text}"))
-    factors = [finding for finding in findings if finding.kind == "scale"]
-    if len(factors) == len(pairs):
-        return [
-            Finding(
-                "time_ns",
-                "rate",
-                "rate: all rates differ by a factor from the derivatives of what they belong to "
-                f"({factors[0].text}); the rows are not as far apart as time_ns says",
-            )
-        ]
-    return findings
-
-
-def _opposite(
-    term: str, source: str, expected: Array, given: Array, names: Sequence[str]
-) -> list[Finding]:
-    """Single rates of opposite sign, which weigh too little to show in the error of all rates."""
-    size = np.sqrt(np.mean(expected**2, axis=0))
-    error = np.sqrt(np.mean((given + expected) ** 2, axis=0))
-    places = np.flatnonzero((size > LEAST_RATE) & (error <= CONSISTENT * size))
-    if not len(places):
-        return []
-    which = ", ".join(names[place] for place in places.tolist())
-    text = f"{term}: it is not {source}; the sign of {which} differs"
-    return [Finding(term, "sign", text)]
-
-
-def _spin(turn: Array, dt: Array) -> Array:
-    """``(T - 1, 3)`` the angular velocity that turns each orientation into the next, base frame."""
-    step = np.swapaxes(turn[:-1], -1, -2) @ turn[1:]
-    # Small angles: the skew part of the step is the sine of the angle times the axis.
-    axis = np.stack(
-        [
-            step[:, 2, 1] - step[:, 1, 2],
-            step[:, 0, 2] - step[:, 2, 0],
-            step[:, 1, 0] - step[:, 0, 1],
-        ],
-        axis=1,
-    )
-    return axis / 2.0 / dt[:, None]

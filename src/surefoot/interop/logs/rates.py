@@ -1,0 +1,148 @@
+"""Whether the rates of a log are the derivatives of what they belong to.
+
+Joint rates must be the derivatives of the angles, and the angular velocity must match the turning
+of the orientation, of which either may be wrong. A robot's own flights can only be judged in this
+way, because their targets were computed from the same sensors. Read `differences` for how two
+recordings may differ, and `hypotheses` for what may be wrong with an orientation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from surefoot.interop.logs.differences import Explanation, explain, remaining
+from surefoot.interop.logs.hypotheses import orientations
+from surefoot.interop.logs.replay import Finding
+from surefoot.interop.logs.sensor_log import AXES, SensorLog
+from surefoot.rotations import rotation
+from surefoot.types import JOINTS, Array
+
+CONSISTENT = 0.3
+"""A measured rate is taken for the derivative if the root mean square of the difference is at most
+this fraction of that of the rates; impacts of the feet cause some difference."""
+LEAST_RATE = 0.05
+"""[rad/s] Rates with a smaller root mean square than this show nothing."""
+BETTER = 0.5
+"""Of two explanations, only the one is named that leaves at most this fraction of what the other
+leaves; otherwise both are, as equal alternatives."""
+UPRIGHT = 0.5
+"""A base is upright while the cosine of its tilt is mostly at least this."""
+
+
+def explain_sensors(log: SensorLog) -> list[Finding]:
+    """The rates that are not the derivatives of their angles or of the orientation.
+
+    Args:
+        log: The log; rows that repeat a measurement, as after a lost datagram, are left out.
+    """
+    new = np.diff(log.time_ns, prepend=log.time_ns[0] - 1) != 0
+    if new.sum() < 2 or (np.diff(log.time_ns) < 0).any():
+        return [Finding("time_ns", "time", "time_ns: it does not rise from row to row")]
+    log = log.at(new)
+    dt = np.diff(log.time_ns) / 1e9
+    pairs = []
+    slope = np.diff(log.joint_position, axis=0) / dt[:, None]
+    rate = (log.joint_velocity[1:] + log.joint_velocity[:-1]) / 2.0
+    pairs.append(("joint_velocity", "the derivative of joint_position", slope, rate, JOINTS))
+    turn = rotation(log.orientation)
+    spin = _spin(turn, dt)
+    gyro = (log.angular_velocity[1:] + log.angular_velocity[:-1]) / 2.0
+    pairs.append(("angular_velocity", "the turning of orientation", spin, gyro, AXES))
+    findings = []
+    for term, source, expected, given, names in pairs:
+        size = max(np.sqrt(np.mean(expected**2)), np.sqrt(np.mean(given**2)))
+        error = np.sqrt(np.mean((given - expected) ** 2))
+        if size < LEAST_RATE:
+            continue
+        if error <= CONSISTENT * size:
+            findings += _opposite(term, source, expected, given, names)
+            continue
+        of_base = term == "angular_velocity"
+        told = explain(expected, given, names, CONSISTENT, turn[1:] if of_base else None)
+        finding = Finding(term, told.kind, f"{term}: it is not {source}; {told.text}")
+        findings.append(_or_orientation(log, finding, told, given, dt) if of_base else finding)
+    factors = [finding for finding in findings if finding.kind == "scale"]
+    if len(factors) == len(pairs):
+        return [
+            Finding(
+                "time_ns",
+                "rate",
+                "rate: all rates differ by a factor from the derivatives of what they belong to "
+                f"({factors[0].text}); the rows are not as far apart as time_ns says",
+            )
+        ]
+    return findings
+
+
+def _or_orientation(
+    log: SensorLog, finding: Finding, told: Explanation, gyro: Array, dt: Array
+) -> Finding:
+    """The finding that angular velocity and orientation disagree, with the wrong one of the two.
+
+    Args:
+        log: The log.
+        finding: The finding, if the angular velocity is the wrong one.
+        told: How the angular velocity would be wrong.
+        gyro: ``(T - 1, 3)`` the angular velocity between the rows [rad/s].
+        dt: ``(T - 1,)`` the time between the rows [s].
+    """
+    stands = _upright(log)
+    found = []
+    for each in orientations(log):
+        changed = each.change(log)
+        left = remaining(_spin(rotation(changed.orientation), dt), gyro)
+        if left <= CONSISTENT:
+            found.append((not _upright(changed), left, each))
+    if not found:
+        return finding
+    lies, left, best = min(found, key=lambda each: each[:2])
+    if stands and lies:
+        return finding
+    text = (
+        "orientation: angular_velocity is not its turning, and the two agree if, of the "
+        f"orientation, {best.text}"
+    )
+    alone = Finding("orientation", best.kind, text)
+    # A robot that walks is upright.
+    if told.kind == "unknown" or (not lies and not stands) or left <= BETTER * told.left:
+        return alone
+    if told.left <= BETTER * left:
+        return finding
+    text = f"{finding.text}; or, just as likely, the orientation is wrong: {best.text}"
+    return Finding(finding.term, finding.kind, text)
+
+
+def _upright(log: SensorLog) -> bool:
+    """Whether the base is mostly upright."""
+    return float(np.median(rotation(log.orientation)[:, 2, 2])) >= UPRIGHT
+
+
+def _opposite(
+    term: str, source: str, expected: Array, given: Array, names: Sequence[str]
+) -> list[Finding]:
+    """Single rates of opposite sign, which weigh too little to show in the error of all rates."""
+    size = np.sqrt(np.mean(expected**2, axis=0))
+    error = np.sqrt(np.mean((given + expected) ** 2, axis=0))
+    places = np.flatnonzero((size > LEAST_RATE) & (error <= CONSISTENT * size))
+    if not len(places):
+        return []
+    which = ", ".join(names[place] for place in places.tolist())
+    text = f"{term}: it is not {source}; the sign of {which} differs"
+    return [Finding(term, "sign", text)]
+
+
+def _spin(turn: Array, dt: Array) -> Array:
+    """``(T - 1, 3)`` the angular velocity that turns each orientation into the next, base frame."""
+    step = np.swapaxes(turn[:-1], -1, -2) @ turn[1:]
+    # Small angles: the skew part of the step is the sine of the angle times the axis.
+    axis = np.stack(
+        [
+            step[:, 2, 1] - step[:, 1, 2],
+            step[:, 0, 2] - step[:, 2, 0],
+            step[:, 1, 0] - step[:, 0, 1],
+        ],
+        axis=1,
+    )
+    return axis / 2.0 / dt[:, None]

@@ -1,0 +1,61 @@
+"""The sensors of a log are compared with each other, and the one that may be wrong is named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from surefoot.interop.logs.rates import explain_sensors
+from surefoot.rotations import rotation
+from tests.fakes.exports import smooth_log
+
+LOG = smooth_log(300)
+
+
+@pytest.mark.parametrize(
+    ("text", "orientation"),
+    [
+        ("it is that of the world in the base frame", LOG.orientation * [-1.0, -1.0, -1.0, 1.0]),
+        ("w is taken to come first", LOG.orientation[:, [3, 0, 1, 2]]),
+        ("x and y are exchanged", LOG.orientation[:, [1, 0, 2, 3]]),
+    ],
+)
+def test_a_wrong_orientation_is_not_blamed_on_the_gyroscope(text, orientation):
+    (found,) = explain_sensors(replace(LOG, orientation=orientation))
+    assert found.term == "orientation"
+    assert text in found.text
+
+
+@pytest.mark.parametrize("signs", [[-1, -1, -1], [1, -1, 1], [1, 1, -1]])
+def test_a_wrong_gyroscope_is_not_blamed_on_the_orientation(signs):
+    (found,) = explain_sensors(replace(LOG, angular_velocity=LOG.angular_velocity * signs))
+    assert (found.term, found.kind) == ("angular_velocity", "sign")
+    assert "orientation is wrong" not in found.text
+
+
+@pytest.mark.parametrize("wrong", ["orientation", "angular_velocity"])
+def test_what_either_of_two_explains_is_told_as_alternatives(wrong):
+    """A base that only rolls turns the same way in its own frame and in the world frame."""
+    roll = 0.3 * np.sin(0.011 * np.arange(300))
+    base = Rotation.from_rotvec(roll[:, None] * [1.0, 0.0, 0.0])
+    gyro = np.column_stack([3.3 * np.cos(0.011 * np.arange(300)), np.zeros((300, 2))])
+    log = replace(LOG, orientation=base.as_quat(), angular_velocity=gyro)
+    assert explain_sensors(log) == []
+    changed = {"orientation": base.inv().as_quat(), "angular_velocity": -gyro}[wrong]
+    (found,) = explain_sensors(replace(log, **{wrong: changed}))
+    assert "the sign of x differs" in found.text
+    assert "or, just as likely, the orientation is wrong" in found.text
+
+
+def test_a_mirrored_orientation_turns_as_a_mirrored_gyroscope_says():
+    (found,) = explain_sensors(replace(LOG, orientation=LOG.orientation * [1, -1, -1, 1]))
+    assert "the sign of y, z differs; or, just as likely, the orientation is wrong" in found.text
+
+
+def test_of_two_explanations_the_one_of_a_robot_on_its_feet_is_named():
+    """With w first, this robot seems to lie on its back, where x and z would be exchanged."""
+    wrong = replace(LOG, orientation=LOG.orientation[:, [3, 0, 1, 2]])
+    assert np.median(rotation(wrong.orientation)[:, 2, 2]) < 0.0
+    (found,) = explain_sensors(wrong)
+    assert (found.term, found.kind) == ("orientation", "order")
