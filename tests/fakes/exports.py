@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -74,6 +75,15 @@ def exported(
         model = pipeline_model(policy, description)
         write_onnx(model, description, path, exploy_keys(description))
     return path, policy
+
+
+def described(layout: LayoutName):
+    """The description of an exported network."""
+    policy = policy_of(layout)
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "policy.safetensors"
+        save(policy, file)
+        return describe(policy, file, robot_of(), Config(), (load_starts(),), "network")
 
 
 def walked(starts, seconds):

@@ -34,6 +34,7 @@ from surefoot.interop.logs.replay import (
     window_of,
 )
 from surefoot.interop.logs.sensor_log import SensorLog, component_names
+from surefoot.interop.logs.times import explain_times
 from surefoot.interop.onnx.pipeline import network_part
 from surefoot.interop.onnx.runner import PipelineRunner
 from surefoot.learning.observation import Float32Array
@@ -161,7 +162,7 @@ def _compare_logged(
             comparison.findings.append(explain_targets(window, policy, network))
     if not comparison.findings or comparison.findings[0].kind == "unknown":
         postures = explain_posture(log, description) or explain_height(log, description)
-        comparison.findings[:0] = postures + explain_sensors(log)
+        comparison.findings[:0] = postures + explain_sensors(log, description)
 
 
 def _explain_better(
@@ -218,8 +219,8 @@ class _Comparison:
         )
 
     def clock(self) -> None:
-        """Compare time, gait clock and rate."""
-        step = float(np.median(np.diff(self.log.time_ns))) / 1e9
+        """Compare time, gait clock and rate, and look at how the rows follow each other."""
+        step = float(np.median(np.abs(np.diff(self.log.time_ns)))) / 1e9
         expected = 1.0 / self.description.rate_hz
         self.add("time between two rows [s]", abs(step - expected))
         if abs(step - expected) > LEAST_RATE_ERROR * expected:
@@ -228,7 +229,7 @@ class _Comparison:
                 f"{self.description.rate_hz} Hz; run it at its own rate"
             )
             self.findings.append(Finding("time_ns", "rate", text))
-        ticks = float(np.median(np.diff(self.log.tick)))
+        ticks = float(np.median(np.abs(np.diff(self.log.tick))))
         passed = step * TICKS_PER_SECOND
         if abs(ticks - passed) > LEAST_RATE_ERROR * passed:
             text = (
@@ -236,6 +237,8 @@ class _Comparison:
                 f"{passed:.3g} ms; count it in milliseconds"
             )
             self.findings.append(Finding("tick", "rate", text))
+        if not self.findings:
+            self.findings += explain_times(self.log, self.description)
 
     def terms(self, what: str, expected: Float32Array, given: Float32Array) -> None:
         """Compare inputs of the network, term by term, and explain the first that differs."""

@@ -12,6 +12,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from surefoot.deploy.description import PolicyDescription
+from surefoot.deploy.kinematics import feet_and_com
 from surefoot.interop.logs.differences import Explanation, explain, remaining
 from surefoot.interop.logs.hypotheses import orientations
 from surefoot.interop.logs.replay import Finding
@@ -24,6 +26,16 @@ CONSISTENT = 0.3
 this fraction of that of the rates; impacts of the feet cause some difference."""
 LEAST_RATE = 0.05
 """[rad/s] Rates with a smaller root mean square than this show nothing."""
+LEAST_SPEED = 0.03
+"""[m/s] Velocities of the base with a smaller root mean square than this show nothing."""
+FOLLOWS = 0.5
+"""The velocity of the base follows the feet if at most this fraction of it differs: feet roll and
+give way, and estimators lag."""
+SLIP = 0.1
+"""[m/s] Two feet stand if the velocities of the base that they give differ by at most this; in
+walks on flat ground, they do in more than 90 % of the rows."""
+STANDING = 0.7
+"""The share of rows in which two feet must stand for the velocity to be judged."""
 BETTER = 0.5
 """Of two explanations, only the one is named that leaves at most this fraction of what the other
 leaves; otherwise both are, as equal alternatives."""
@@ -31,29 +43,33 @@ UPRIGHT = 0.5
 """A base is upright while the cosine of its tilt is mostly at least this."""
 
 
-def explain_sensors(log: SensorLog) -> list[Finding]:
+def explain_sensors(log: SensorLog, description: PolicyDescription) -> list[Finding]:
     """The rates that are not the derivatives of their angles or of the orientation.
+
+    If all are, the linear velocity of the base is compared with that of the feet on the ground.
 
     Args:
         log: The log; rows that repeat a measurement, as after a lost datagram, are left out.
+        description: The policy, for the geometry of the legs.
     """
     new = np.diff(log.time_ns, prepend=log.time_ns[0] - 1) != 0
     if new.sum() < 2 or (np.diff(log.time_ns) < 0).any():
         return [Finding("time_ns", "time", "time_ns: it does not rise from row to row")]
     log = log.at(new)
     dt = np.diff(log.time_ns) / 1e9
-    pairs = []
     slope = np.diff(log.joint_position, axis=0) / dt[:, None]
     rate = (log.joint_velocity[1:] + log.joint_velocity[:-1]) / 2.0
-    pairs.append(("joint_velocity", "the derivative of joint_position", slope, rate, JOINTS))
     turn = rotation(log.orientation)
     spin = _spin(turn, dt)
     gyro = (log.angular_velocity[1:] + log.angular_velocity[:-1]) / 2.0
-    pairs.append(("angular_velocity", "the turning of orientation", spin, gyro, AXES))
+    pairs = (
+        ("joint_velocity", "the derivative of joint_position", slope, rate, JOINTS),
+        ("angular_velocity", "the turning of orientation", spin, gyro, AXES),
+    )
     findings = []
     for term, source, expected, given, names in pairs:
-        size = max(np.sqrt(np.mean(expected**2)), np.sqrt(np.mean(given**2)))
-        error = np.sqrt(np.mean((given - expected) ** 2))
+        size = max(_size(expected), _size(given))
+        error = _size(given - expected)
         if size < LEAST_RATE:
             continue
         if error <= CONSISTENT * size:
@@ -73,7 +89,51 @@ def explain_sensors(log: SensorLog) -> list[Finding]:
                 f"({factors[0].text}); the rows are not as far apart as time_ns says",
             )
         ]
-    return findings
+    return findings or _explain_velocity(log, description, gyro, dt)
+
+
+def _explain_velocity(
+    log: SensorLog, description: PolicyDescription, gyro: Array, dt: Array
+) -> list[Finding]:
+    """Whether the linear velocity differs from what the feet on the ground say, which do not slip.
+
+    A foot at p on the ground has the velocity v + omega x p + dp/dt = 0. Nothing is said unless the
+    two lowest feet mostly agree on v, so that they stand.
+
+    Args:
+        log: The log; its other rates are right.
+        description: The policy, for the geometry of the legs.
+        gyro: ``(T - 1, 3)`` the angular velocity between the rows [rad/s].
+        dt: ``(T - 1,)`` the time between the rows [s].
+    """
+    if log.linear_velocity is None:
+        return []
+    feet, _ = feet_and_com(description.kinematics, log.joint_position)
+    turn = rotation(log.orientation)[1:]
+    between = (feet[1:] + feet[:-1]) / 2.0
+    of_feet = -np.diff(feet, axis=0) / dt[:, None, None] - np.cross(gyro[:, None], between)
+    height = (between @ turn[:, 2, :, None])[..., 0]
+    lowest = height.argsort(axis=1)[:, :2, None]
+    pair = np.take_along_axis(of_feet, lowest, axis=1)
+    stand = np.linalg.norm(pair[:, 0] - pair[:, 1], axis=1) <= SLIP
+    if stand.mean() < STANDING:
+        return []
+    expected = pair.mean(axis=1)[stand]
+    given = ((log.linear_velocity[1:] + log.linear_velocity[:-1]) / 2.0)[stand]
+    if max(_size(expected), _size(given)) < LEAST_SPEED:
+        return []
+    term = "linear_velocity"
+    source = "that of the base over the feet that stand"
+    if remaining(expected, given) <= FOLLOWS:
+        return _opposite(term, source, expected, given, AXES)
+    told = explain(expected, given, AXES, FOLLOWS, turn[stand])
+    text = f"{term}: it is not {source}; {told.text}"
+    return [Finding(term, told.kind, text)]
+
+
+def _size(values: Array) -> float:
+    """The root mean square of some numbers."""
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _or_orientation(
