@@ -1,5 +1,7 @@
 """A right flight agrees with its policy, which remembers, wherever the recording begins."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,14 @@ def test_a_right_flight_agrees(path, total, expert, unseen, rows):
     assert report.unjudged == ""
     assert "the joint targets that were logged" in report.compared
     assert max(report.largest) < 1e-4
+
+
+def test_a_flight_of_another_robot_is_refused(path):
+    log = replace(flown(path, 60), robot="go2")
+    with pytest.raises(
+        ValueError, match="the log is of the robot 'go2', and the policy is one for"
+    ):
+        check_log(log, read_export(path))
 
 
 def test_of_a_flight_that_begins_with_an_episode_all_rows_are_judged(path):

@@ -159,6 +159,7 @@ def test_a_flight_is_a_log_of_the_ticks_that_the_policy_drove(tmp_path):
     np.testing.assert_array_equal(found.joint_position, log.joint_position[10:35])
     assert found.tick.tolist() == log.tick[10:35].tolist()
     assert found.base_height is None
+    assert found.robot == "solo12"
 
 
 def test_a_flight_keeps_the_gait():

@@ -24,7 +24,7 @@ from surefoot.interop.logs.rates import explain_sensors
 from surefoot.interop.logs.replay import (
     Finding,
     Network,
-    check_gaits,
+    check_fits,
     clipped,
     first_known,
     reference_inputs,
@@ -82,10 +82,10 @@ def check_log(log: SensorLog, file: ExportFile, torch: Network | None = None) ->
         torch: The PyTorch network of the policy file that was exported, if available.
 
     Raises:
-        ValueError: The layout needs something that the log lacks, or the log has a gait that the
-            policy lacks.
+        ValueError: The layout needs something that the log lacks, or the log is of another robot or
+            has a gait that the policy lacks.
     """
-    check_gaits(log, file.description)
+    check_fits(log, file.description)
     network = runner(file.content)
     policy = OnnxPolicy(file.description, network)
     comparison = _Comparison(log, file.description)
@@ -105,7 +105,7 @@ def check_log(log: SensorLog, file: ExportFile, torch: Network | None = None) ->
 def check_pipeline(log: SensorLog, file: ExportFile, torch: Network | None = None) -> LogReport:
     """Compare a log with a replay through the whole pipeline of a file; see `check_log`."""
     description = file.description
-    check_gaits(log, description)
+    check_fits(log, description)
     states_of(log, description)  # first: it says what the log lacks
     comparison = _Comparison(log, description)
     comparison.clock()

@@ -183,16 +183,21 @@ def command_of(log: SensorLog, row: int) -> Command:
     return GaitCommand(*log.command[row].tolist(), gait=gait)
 
 
-def check_gaits(log: SensorLog, description: PolicyDescription) -> None:
-    """Check that a policy has the gaits of a log.
+def check_fits(log: SensorLog, description: PolicyDescription) -> None:
+    """Check that a policy is one for the robot of a log, and has the log's gaits.
 
     Args:
         log: The log.
         description: The policy.
 
     Raises:
-        ValueError: The policy lacks one.
+        ValueError: The log is of another robot, or the policy lacks a gait.
     """
+    if log.robot not in (None, description.robot):
+        raise ValueError(
+            f"the log is of the robot {log.robot!r}, and the policy is one for "
+            f"{description.robot!r}; give the file of the policy that was run"
+        )
     gaits = len(description.gaits)
     wrong = (log.gaits < 0) | (log.gaits >= gaits)
     if wrong.any():

@@ -55,6 +55,8 @@ _COMPONENTS: Mapping[str, tuple[str, ...]] = {
 DRIVE = 2
 """The mode of a flight in which the robot is driven."""
 _OPTIONAL = ("base_height", "linear_velocity", "joint_target", "network_input", "gait")
+_ABOUT = ("begins", "robot")
+"""What a log says about itself; all else are arrays."""
 _INTEGERS = ("time_ns", "tick", "gait")
 
 
@@ -92,6 +94,7 @@ class SensorLog:
         gait: ``(T,)`` the number of the gait that was walked, if the policy has several; None, as
             in older files, stands for the first one throughout.
         begins: Whether an episode begins with the first row; None if unknown, as for a file.
+        robot: Name of the robot, if it is known, as for a flight.
 
     Raises:
         ValueError: There are fewer than two rows, or an array has another shape, or numbers that
@@ -111,6 +114,7 @@ class SensorLog:
     network_input: Float32Array | None = None
     gait: IntArray | None = None
     begins: bool | None = None
+    robot: str | None = None
 
     def __post_init__(self) -> None:
         """Check all arrays."""
@@ -207,6 +211,7 @@ def sensor_log_of_flight(flight: Flight) -> SensorLog:
         joint_target=flight.position[rows],
         gait=flight.gait[rows],
         begins=bool(flight.gait_tick[first] == 0),  # when the policy's memory is emptied
+        robot=str(flight.robot),
     )
 
 
@@ -280,7 +285,7 @@ def _present(log: SensorLog) -> Iterator[tuple[str, NDArray]]:
 
 def _array_names() -> list[str]:
     """The names of all arrays that a log may have."""
-    return [field.name for field in fields(SensorLog) if field.name != "begins"]
+    return [field.name for field in fields(SensorLog) if field.name not in _ABOUT]
 
 
 def _as_csv(log: SensorLog) -> str:
