@@ -45,6 +45,22 @@ def test_vectors_of_another_frame_are_named():
     assert "twice" in explain(world, vectors, axes, rotation=turn).text
 
 
+def test_constant_columns_that_equal_another_by_chance_are_in_no_other_order():
+    expected = np.tile([0.25, 0.0, 0.5], (50, 1))
+    given = np.tile([0.25, 0.0, 0.0], (50, 1))
+    assert explain(expected, given, ("vx", "vy", "yaw_rate")).kind == "unknown"
+
+
+@pytest.mark.parametrize("wrong", [17.6, 1e30])
+def test_a_single_row_is_an_outlier_and_hides_no_other_difference(wrong):
+    given = TRUTH.copy()
+    given[40, 2] = wrong
+    found = explain(TRUTH, given, NAMES)
+    assert found.kind == "outlier"
+    assert f"c is {wrong:.4g} in row 40, where {TRUTH[40, 2]:.4g} is due" in found.text
+    assert explain(TRUTH, SIGNS * given, NAMES).text == "the sign of b differs"
+
+
 def test_what_is_zero_explains_nothing():
     zeros = np.zeros((10, 2))
     assert explain(zeros, zeros + 1.0, ("a", "b")).kind == "unknown"

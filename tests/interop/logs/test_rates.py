@@ -68,6 +68,27 @@ def test_of_two_explanations_the_one_of_a_robot_on_its_feet_is_named():
     assert (found.term, found.kind) == ("orientation", "order")
 
 
+@pytest.mark.parametrize(
+    ("term", "place", "name"),
+    [
+        ("joint_position", 2, "FL_KFE is"),
+        ("joint_velocity", 4, "FR_HFE is"),
+        ("angular_velocity", 1, "y is"),
+        ("orientation", 0, "it is"),
+    ],
+)
+@pytest.mark.parametrize("row", [100, 1])
+def test_a_row_that_is_far_off_is_named_and_decides_nothing_else(term, place, name, row):
+    values = getattr(LOG, term).copy()
+    values[row, place] += {"joint_position": 17.6, "orientation": 0.2}.get(term, 1e30)
+    if term == "orientation":
+        values /= np.linalg.norm(values, axis=1, keepdims=True)
+    (found,) = explain_sensors(replace(LOG, **{term: values}), DESCRIPTION)
+    assert (found.term, found.kind) == (term, "outlier")
+    assert name in found.text
+    assert f"in row {row}," in found.text
+
+
 @pytest.fixture(scope="module")
 def walk():
     """A second of a robot that walks ahead, by its sensors."""

@@ -160,7 +160,7 @@ def _compare_logged(
         if row >= 0 and not comparison.findings:
             window = window_of(log, description, known + row)
             comparison.findings.append(explain_targets(window, policy, network))
-    if not comparison.findings or comparison.findings[0].kind == "unknown":
+    if not comparison.findings or comparison.findings[0].kind in ("unknown", "outlier"):
         postures = explain_posture(log, description) or explain_height(log, description)
         comparison.findings[:0] = postures + explain_sensors(log, description)
 

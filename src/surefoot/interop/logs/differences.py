@@ -1,7 +1,8 @@
 """How two recordings of the same numbers differ: another order, sign, scale, frame, or time.
 
 A wiring mistake on a robot is mostly one of these. `explain` tries them one after the other, and
-says in words which one makes the two agree. Read `replay` for the recordings that are compared.
+says in words which one makes the two agree. Single rows, such as those of a damaged datagram, are
+told as outliers and do not decide. Read `replay` for the recordings that are compared.
 """
 
 from __future__ import annotations
@@ -20,13 +21,15 @@ Numbers = Array | Float32Array
 MOST_DELAY = 5
 """[rows] Maximum shift between two recordings."""
 DEGREES = 180.0 / np.pi
+OUTLIERS = 0.02
+"""The share of rows that may be outliers, which sizes of numbers and differences leave out."""
 
 
 class Explanation(NamedTuple):
     """How two recordings differ.
 
     Attributes:
-        kind: `order`, `sign`, `scale`, `frame`, `time` or `unknown`.
+        kind: `order`, `sign`, `scale`, `frame`, `time`, `outlier` or `unknown`.
         text: The same in words.
         left: What remains of the difference then, as a fraction of the size of the numbers.
     """
@@ -55,15 +58,25 @@ def first_beyond(expected: Numbers, given: Numbers, tolerance: float) -> int:
     return int(beyond.argmax()) if beyond.any() else -1
 
 
+def size_of(values: Array) -> float:
+    """The root mean square of numbers ``(T, ...)``, without the rows in which it is largest.
+
+    Args:
+        values: The numbers.
+    """
+    of_rows = np.mean(np.reshape(values, (len(values), -1)) ** 2, axis=1)
+    kept = np.sort(of_rows)[: len(of_rows) - int(np.ceil(OUTLIERS * len(of_rows)))]
+    return float(np.sqrt(np.mean(kept))) if len(kept) else 0.0
+
+
 def remaining(expected: Array, given: Array) -> float:
-    """The root mean square of a difference, as a fraction of that of the numbers.
+    """The size of a difference, as a fraction of that of the numbers.
 
     Args:
         expected: One recording.
         given: The other.
     """
-    size = np.sqrt(np.mean(given**2))
-    return float(np.sqrt(np.mean((given - expected) ** 2)) / max(size, 1e-3))
+    return size_of(given - expected) / max(size_of(given), 1e-3)
 
 
 def explain(
@@ -91,9 +104,11 @@ def explain(
             turned = (turn @ expected[..., None])[..., 0]
             if _agree(turned, given, tolerance) and not _agree(expected, given, tolerance):
                 return Explanation("frame", f"it is {text}", remaining(turned, given))
+    if _agree(expected, given, tolerance):
+        return _outliers(expected, given, names, tolerance)
     matches = [_match(expected, given[:, i], i, tolerance) for i in range(len(names))]
     found = [match for match in matches if match is not None]
-    if len(found) == len(names):
+    if len(found) == len(names) and _is_order(found, given):
         changed = np.column_stack([expected[:, each.column] * each.factor for each in found])
         return _in_words(found, names)._replace(left=remaining(changed, given))
     for delay in (*range(1, MOST_DELAY + 1), *range(-1, -MOST_DELAY - 1, -1)):
@@ -105,6 +120,29 @@ def explain(
             return Explanation("time", text, remaining(late, early))
     error, row = largest(expected, given)
     return Explanation("unknown", f"it differs by up to {error:.3g}, most in row {row}")
+
+
+def _outliers(expected: Array, given: Array, names: Sequence[str], tolerance: float) -> Explanation:
+    """The rows that differ, where nearly all agree."""
+    error = np.abs(given - expected)
+    row, column = np.unravel_index(error.argmax(), error.shape)
+    beyond = error.max(axis=1) > tolerance * max(float(np.abs(expected).max()), 1e-3)
+    if not beyond.any():
+        return Explanation("unknown", "it differs by less than can be told")
+    rows = "in this row only" if beyond.sum() == 1 else f"in {beyond.sum()} rows of {len(error)}"
+    text = (
+        f"{names[int(column)]} is {given[row, column]:.4g} in row {row}, where "
+        f"{expected[row, column]:.4g} is due; it differs {rows}"
+    )
+    return Explanation("outlier", text, remaining(expected, given))
+
+
+def _is_order(matches: Sequence[_Match], given: Array) -> bool:
+    """Whether columns that seem to be elsewhere are: constant ones match others by chance."""
+    columns = [match.column for match in matches]
+    moved = [place for place, column in enumerate(columns) if place != column]
+    exchanged = sorted(columns) == list(range(len(columns)))
+    return exchanged or bool((np.ptp(given[:, moved], axis=0) > 0.0).all())
 
 
 class _Match(NamedTuple):

@@ -14,18 +14,22 @@ import numpy as np
 
 from surefoot.deploy.description import PolicyDescription
 from surefoot.deploy.kinematics import feet_and_com
-from surefoot.interop.logs.differences import Explanation, explain, remaining
+from surefoot.interop.logs.differences import Explanation, explain, remaining, size_of
 from surefoot.interop.logs.hypotheses import orientations
 from surefoot.interop.logs.replay import Finding
 from surefoot.interop.logs.sensor_log import AXES, SensorLog
 from surefoot.rotations import rotation
-from surefoot.types import JOINTS, Array
+from surefoot.types import JOINTS, Array, IntArray
 
 CONSISTENT = 0.3
 """A measured rate is taken for the derivative if the root mean square of the difference is at most
 this fraction of that of the rates; impacts of the feet cause some difference."""
 LEAST_RATE = 0.05
 """[rad/s] Rates with a smaller root mean square than this show nothing."""
+OUTLIER = 20.0
+"""A row is an outlier where derivative and rate differ by this multiple of the usual rate .."""
+LEAST_OUTLIER = 20.0
+"""[rad/s] .. and by this: impacts of the feet change the rate of a joint by some rad/s."""
 LEAST_SPEED = 0.03
 """[m/s] Velocities of the base with a smaller root mean square than this show nothing."""
 FOLLOWS = 0.5
@@ -68,12 +72,14 @@ def explain_sensors(log: SensorLog, description: PolicyDescription) -> list[Find
     )
     findings = []
     for term, source, expected, given, names in pairs:
-        size = max(_size(expected), _size(given))
-        error = _size(given - expected)
+        size = max(size_of(expected), size_of(given))
+        error = size_of(given - expected)
         if size < LEAST_RATE:
             continue
         if error <= CONSISTENT * size:
-            findings += _opposite(term, source, expected, given, names)
+            findings += _opposite(term, source, expected, given, names) or _outlier(
+                log, term, expected - given, size, np.flatnonzero(new)
+            )
             continue
         of_base = term == "angular_velocity"
         told = explain(expected, given, names, CONSISTENT, turn[1:] if of_base else None)
@@ -90,6 +96,44 @@ def explain_sensors(log: SensorLog, description: PolicyDescription) -> list[Find
             )
         ]
     return findings or _explain_velocity(log, description, gyro, dt)
+
+
+def _outlier(log: SensorLog, term: str, error: Array, size: float, rows: IntArray) -> list[Finding]:
+    """The measurement that is far off in a single row, if there is one.
+
+    An angle that is off in one row gives one slope that is too large and then one of the other
+    sign; a rate that is off is in the means of two steps with the same sign.
+
+    Args:
+        log: The log, without repeated rows.
+        term: The rate.
+        error: ``(T - 1, n)`` the derivatives less the rates, from row to row.
+        size: The size of the rates.
+        rows: ``(T,)`` where the rows are in the whole log.
+    """
+    step, place = np.unravel_index(np.abs(error).argmax(), error.shape)
+    most = error[step, place]
+    if abs(most) <= max(OUTLIER * size, LEAST_OUTLIER):
+        return []
+    around = np.pad(error[:, place], 1)[step : step + 3]
+    before, _, after = around.tolist()
+    row = int(step) + int(abs(after) >= abs(before))
+    beside = after if abs(after) >= abs(before) else before
+    names = {"joint_velocity": "joint_position", "angular_velocity": "orientation"}
+    wrong = term if beside * most > 0.0 else names[term]
+    numbers = getattr(log, wrong)
+    near = max(row - 2, 0) if row > 1 else row + 2
+    if wrong == "orientation":
+        which = "it"
+        here, there = (np.array2string(numbers[each], precision=3) for each in (row, near))
+    else:
+        which = (JOINTS if wrong.startswith("joint") else AXES)[place]
+        here, there = (f"{numbers[each, place]:.4g}" for each in (row, near))
+    text = (
+        f"{wrong}: {which} is {here} in row {rows[row]}, and {there} in row {rows[near]}, which no "
+        "robot does so quickly; leave the row out, or look at what reads the sensor"
+    )
+    return [Finding(wrong, "outlier", text)]
 
 
 def _explain_velocity(
@@ -120,7 +164,7 @@ def _explain_velocity(
         return []
     expected = pair.mean(axis=1)[stand]
     given = ((log.linear_velocity[1:] + log.linear_velocity[:-1]) / 2.0)[stand]
-    if max(_size(expected), _size(given)) < LEAST_SPEED:
+    if max(size_of(expected), size_of(given)) < LEAST_SPEED:
         return []
     term = "linear_velocity"
     source = "that of the base over the feet that stand"
@@ -129,11 +173,6 @@ def _explain_velocity(
     told = explain(expected, given, AXES, FOLLOWS, turn[stand])
     text = f"{term}: it is not {source}; {told.text}"
     return [Finding(term, told.kind, text)]
-
-
-def _size(values: Array) -> float:
-    """The root mean square of some numbers."""
-    return float(np.sqrt(np.mean(values**2)))
 
 
 def _or_orientation(
@@ -183,8 +222,8 @@ def _opposite(
     term: str, source: str, expected: Array, given: Array, names: Sequence[str]
 ) -> list[Finding]:
     """Single rates of opposite sign, which weigh too little to show in the error of all rates."""
-    size = np.sqrt(np.mean(expected**2, axis=0))
-    error = np.sqrt(np.mean((given + expected) ** 2, axis=0))
+    size = np.array([size_of(column) for column in expected.T])
+    error = np.array([size_of(column) for column in (given + expected).T])
     places = np.flatnonzero((size > LEAST_RATE) & (error <= CONSISTENT * size))
     if not len(places):
         return []

@@ -36,7 +36,8 @@ class Finding:
     Attributes:
         term: The term that differs: a part of the network's input, a field of the log, or
             `network`.
-        kind: `order`, `sign`, `scale`, `frame`, `time`, `rate`, `network` or `unknown`.
+        kind: `order`, `sign`, `scale`, `frame`, `time`, `rate`, `network`, `outlier` or
+            `unknown`.
         text: A sentence on what differs from what, and how.
     """
 
