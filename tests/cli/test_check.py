@@ -83,6 +83,13 @@ def test_what_a_log_is_too_short_to_show_is_said_and_is_no_difference(files):
     assert lines_of(report)[-2:] == ["too short to judge a history", "all else agrees"]
 
 
+def test_columns_that_are_ignored_are_named_in_one_line(files):
+    path, _ = files
+    log = LogReport(50, (), (), (), ignored=("battery", "fan"))
+    report = CheckReport(str(path), read_export(path).description, log)
+    assert "ignored, because no log has it: battery, fan" in lines_of(report)
+
+
 def test_another_policy_than_the_exported_one_is_refused(surefoot, capsys, files, tmp_path):
     path, log = files
     exported(tmp_path / "other", "full", torque_limit=(1.0,) * 12)

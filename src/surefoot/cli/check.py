@@ -44,7 +44,7 @@ class Check:
 
     JSON keys: file; description (what the file says); log: rows, compared and largest (what was
     compared, and by how much it differs), findings (term, kind and text), unjudged (what the log is
-    too short to show).
+    too short to show), ignored (columns that no log has).
     """
 
     file: Annotated[Path, tyro.conf.Positional]
@@ -140,6 +140,8 @@ def lines_of(report: CheckReport) -> list[str]:
     lines += [
         f"  {what}: {error:.3g}" for what, error in zip(log.compared, log.largest, strict=True)
     ]
+    if log.ignored:
+        lines.append(f"ignored, because no log has it: {', '.join(log.ignored)}")
     if log.unjudged:
         lines.append(log.unjudged)
     if log.findings:

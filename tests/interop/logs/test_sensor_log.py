@@ -56,12 +56,43 @@ def test_the_columns_of_a_text_may_have_any_order(tmp_path):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda head, rows: (head[1:], [row[1:] for row in rows]), r"it lacks \['time_ns'\]"),
-        (lambda head, rows: ([*head[:-1], "speed.z"], rows), "has the components|which no log has"),
+        (lambda head, rows: (head[1:], [row[1:] for row in rows]), "it lacks time_ns$"),
+        (
+            lambda head, rows: (["Time_ns", *head[1:]], rows),
+            r"it lacks time_ns \(it has 'Time_ns'; rename that to 'time_ns'\)",
+        ),
+        (
+            lambda head, rows: ([*head[:-1], "linear_velocty.z"], rows),
+            r"it lacks the column linear_velocity.z \(it has 'linear_velocty.z'",
+        ),
+        (lambda head, rows: (rows[0], rows), "line 1 has numbers; the names of the columns"),
+        (lambda head, rows: ([";".join(head)], rows), "separated by semicolons; write it with"),
+        (lambda head, rows: (["\t".join(head)], rows), "separated by tabs"),
+        (lambda head, rows: (head, []), "there are no rows below the names"),
+        (lambda head, rows: ([], []), "it is empty"),
+        (
+            lambda head, rows: (head, [rows[0], [*rows[1][:-1], ""]]),
+            r"line 3 \(row 1\), column linear_velocity.z is empty; write a number",
+        ),
+        (
+            lambda head, rows: (head, [rows[0], [*rows[1][:-1], "1_6"]]),
+            r"line 3 \(row 1\), column linear_velocity.z is '1_6', which is no number",
+        ),
+        (
+            lambda head, rows: (head, [["0.001", *rows[0][1:]], *rows[1:]]),
+            r"column time_ns is '0.001', which is no whole number .* it counts nanoseconds",
+        ),
+        (lambda head, rows: (head, [["9" * 30, *rows[0][1:]], *rows[1:]]), "of 64 bits"),
         (lambda head, rows: ([head[1], *head[1:]], rows), "a column is there twice"),
         (lambda head, rows: (head, [*rows[:-1], rows[-1][:-1]]), "not every row has as many"),
-        (lambda head, rows: (head, [["x", *row[1:]] for row in rows]), "invalid literal"),
-        (lambda head, rows: (head, [[*row[:-1], "nan"] for row in rows]), "not finite in row 0"),
+        (
+            lambda head, rows: (head, [["x", *row[1:]] for row in rows]),
+            r"line 2 \(row 0\), column time_ns is 'x'",
+        ),
+        (
+            lambda head, rows: (head, [[*row[:-1], "nan"] for row in rows]),
+            "linear_velocity.z is not finite in row 0",
+        ),
         (lambda head, rows: (head, rows[:1]), "a log of 1 rows"),
     ],
 )
@@ -219,7 +250,48 @@ def test_whole_numbers_may_be_written_with_an_exponent(tmp_path):
     assert_same(read_sensor_log(path), log)
     rows[0][1] = "0.5"
     path.write_text("\n".join(",".join(row) for row in [head, *rows]))
-    with pytest.raises(ValueError, match="invalid literal"):
+    with pytest.raises(ValueError, match="no whole number"):
+        read_sensor_log(path)
+
+
+def test_columns_that_no_log_has_are_ignored_and_named(tmp_path):
+    path = tmp_path / "log.csv"
+    log = smooth_log(4)
+    write_sensor_log(log, path)
+    head, *rows = path.read_text().splitlines()
+    head = head.replace(",", ", ") + ", battery,"
+    path.write_text("\n".join([head, *(f"{row},full," for row in rows)]))
+    found = read_sensor_log(path)
+    assert found.ignored == ("battery",)
+    assert_same(replace(found, ignored=()), log)
+    arrays = {name: array for name, array in vars(log).items() if isinstance(array, np.ndarray)}
+    np.savez(tmp_path / "log.npz", allow_pickle=False, **arrays, battery=np.zeros(4))
+    assert read_sensor_log(tmp_path / "log.npz").ignored == ("battery",)
+
+
+def test_both_formats_take_whole_numbers_that_are_written_as_others(tmp_path):
+    path = tmp_path / "log.npz"
+    log = smooth_log(4)
+    arrays = {name: array for name, array in vars(log).items() if isinstance(array, np.ndarray)}
+    np.savez(path, allow_pickle=False, **arrays | {"tick": log.tick.astype(float)})
+    assert_same(read_sensor_log(path), log)
+    np.savez(path, allow_pickle=False, **arrays | {"tick": log.tick + 0.5})
+    with pytest.raises(ValueError, match=r"tick is 20.5 in row 0, which is no whole number"):
+        read_sensor_log(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "text"),
+    [
+        ("log.txt", b"time_ns", "give one that ends in .npz or .csv"),
+        ("log.npz", b"time_ns", "it is no npz file"),
+        ("log.csv", "time_ns".encode("utf-16"), "it is no text in UTF-8"),
+    ],
+)
+def test_another_kind_of_file_is_refused_in_plain_words(tmp_path, name, content, text):
+    path = tmp_path / name
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=text):
         read_sensor_log(path)
 
 

@@ -14,7 +14,7 @@ LOG = smooth_log(600)
 
 def rows_of(log, rows):
     """Some rows of a log, in any order."""
-    arrays = {name: array for name, array in vars(log).items() if array is not None}
+    arrays = {name: array for name, array in vars(log).items() if isinstance(array, np.ndarray)}
     return replace(log, **{name: array[rows] for name, array in arrays.items()})
 
 

@@ -64,6 +64,7 @@ class LogReport:
         largest: Largest difference of each comparison, in the order of `compared`.
         findings: What differs, the first term first; empty if everything agrees.
         unjudged: What the log is too short to show, in words; empty if it shows everything.
+        ignored: Names of the columns or arrays of the file that no log has.
     """
 
     rows: int
@@ -71,6 +72,7 @@ class LogReport:
     largest: tuple[float, ...]
     findings: tuple[Finding, ...]
     unjudged: str = ""
+    ignored: tuple[str, ...] = ()
 
 
 def check_log(log: SensorLog, file: ExportFile, torch: Network | None = None) -> LogReport:
@@ -276,4 +278,5 @@ class _Comparison:
             tuple(self.largest),
             tuple(self.findings),
             self.unjudged,
+            self.log.ignored,
         )

@@ -13,11 +13,9 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from io import BytesIO, StringIO
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,8 +24,8 @@ from surefoot.config.array_io import parse_npz
 from surefoot.config.json_text import read_file
 from surefoot.deploy.recorder import Flight, load_flight
 from surefoot.deploy.timing import TickClock
-from surefoot.errors import shown
 from surefoot.files import write_atomic
+from surefoot.interop.logs.tables import nearest, parse_table, whole
 from surefoot.learning.layouts import TARGET_SIZE, History
 from surefoot.learning.memory import samples_of
 from surefoot.learning.observation import Float32Array
@@ -55,7 +53,7 @@ _COMPONENTS: Mapping[str, tuple[str, ...]] = {
 DRIVE = 2
 """The mode of a flight in which the robot is driven."""
 _OPTIONAL = ("base_height", "linear_velocity", "joint_target", "network_input", "gait")
-_ABOUT = ("begins", "robot")
+_ABOUT = ("begins", "robot", "ignored")
 """What a log says about itself; all else are arrays."""
 _INTEGERS = ("time_ns", "tick", "gait")
 
@@ -95,6 +93,7 @@ class SensorLog:
             in older files, stands for the first one throughout.
         begins: Whether an episode begins with the first row; None if unknown, as for a file.
         robot: Name of the robot, if it is known, as for a flight.
+        ignored: Names of what the file has in addition, which no log has.
 
     Raises:
         ValueError: There are fewer than two rows, or an array has another shape, or numbers that
@@ -115,6 +114,7 @@ class SensorLog:
     gait: IntArray | None = None
     begins: bool | None = None
     robot: str | None = None
+    ignored: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Check all arrays."""
@@ -128,8 +128,9 @@ class SensorLog:
             if np.shape(array) != expected:
                 raise ValueError(f"{name} is {np.shape(array)}, expected {expected}")
             if not np.isfinite(array).all():
-                row = int(np.argwhere(~np.isfinite(np.reshape(array, (T, -1))).all(axis=1))[0, 0])
-                raise ValueError(f"{name} is not finite in row {row}")
+                row, column = np.argwhere(~np.isfinite(np.reshape(array, (T, -1))))[0].tolist()
+                title = _column_names(name, array)[column]
+                raise ValueError(f"{title} is not finite in row {row}; leave such rows out")
         wrong = np.abs(np.linalg.norm(self.orientation, axis=1) - 1.0) > UNIT
         if wrong.any():
             row = int(wrong.argmax())
@@ -244,27 +245,49 @@ def read_sensor_log(path: Path) -> SensorLog:
             f"there is no log {path}; `surefoot play --log FILE` writes one, and `surefoot run "
             "--keep` a flight"
         )
+    if path.suffix.lower() not in SUFFIXES:
+        raise ValueError(f"{path} is no log: give one that ends in {' or '.join(SUFFIXES)}")
     content = read_file(path)
     try:
-        if path.suffix.lower() == ".csv":
-            arrays = _from_csv(content.decode("utf-8-sig"))
-        else:
-            arrays = parse_npz(content)
+        arrays, ignored = _arrays_of(content, path.suffix.lower())
         if "robot_time_ns" in arrays:
             return sensor_log_of_flight(load_flight(path))
-        known = set(_array_names())
-        unknown = arrays.keys() - known
-        missing = known - set(_OPTIONAL) - arrays.keys()
-        if unknown or missing:
-            raise ValueError(
-                f"it lacks {sorted(missing)}, and has {shown(sorted(unknown))}, which no log has"
-            )
+        missing = [
+            f"{name}{nearest(name, [each.partition('.')[0] for each in ignored])}"
+            for name in _array_names()
+            if name not in arrays and name not in _OPTIONAL
+        ]
+        if missing:
+            raise ValueError(f"it lacks {', '.join(missing)}")
         for name, array in arrays.items():
-            if array.dtype.kind not in ("iu" if name in _INTEGERS else "fiu"):
-                raise ValueError(f"{name} holds {array.dtype}")
-        return SensorLog(**arrays)  # pyright: ignore[reportArgumentType]
+            if array.dtype.kind not in "fiu":
+                raise ValueError(f"{name} holds {array.dtype}, and must hold numbers")
+        arrays |= {name: whole(name, arrays[name]) for name in _INTEGERS if name in arrays}
+        return SensorLog(**arrays, ignored=ignored)  # pyright: ignore[reportArgumentType]
     except ValueError as error:
         raise ValueError(f"{path} is no log of sensors: {error}") from error
+
+
+def _arrays_of(content: bytes, suffix: str) -> tuple[dict[str, NDArray], tuple[str, ...]]:
+    """The arrays of a file by name, and the names of what no log has.
+
+    Raises:
+        ValueError: It is no file of this kind.
+    """
+    if suffix == ".csv":
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError as error:
+            raise ValueError(f"it is no text in UTF-8; save it as such ({error})") from error
+        return parse_table(text, _COMPONENTS, _INTEGERS)
+    if not content.startswith(b"PK"):
+        raise ValueError("it is no npz file, as `numpy.savez` writes it; a text must end in .csv")
+    arrays = parse_npz(content)
+    if "robot_time_ns" in arrays:  # a flight
+        return arrays, ()
+    known = _array_names()
+    ignored = tuple(name for name in arrays if name not in known)
+    return {name: array for name, array in arrays.items() if name in known}, ignored
 
 
 def _shape(name: str, array: ArrayLike, rows: int) -> tuple[int | str, ...]:
@@ -309,48 +332,3 @@ def _column_names(name: str, array: NDArray) -> list[str]:
         return [name]
     components = _COMPONENTS.get(name) or range(array.shape[1])
     return [f"{name}.{component}" for component in components]
-
-
-def _from_csv(text: str) -> dict[str, NDArray]:
-    """The arrays of a CSV text.
-
-    Raises:
-        ValueError: A column appears twice, an array lacks some columns, or a row has another number
-            of values, or a value that is not a number.
-    """
-    reader = csv.reader(StringIO(text))
-    head = next(reader, [])
-    if len(set(head)) < len(head):
-        raise ValueError("a column is there twice")
-    rows = [row for row in reader if row]  # without blank lines
-    if any(len(row) != len(head) for row in rows):
-        raise ValueError("not every row has as many values as there are columns")
-    columns: dict[str, dict[str, list[Any]]] = {}
-    for place, title in enumerate(head):
-        name, _, component = title.partition(".")
-        kind = _integer if name in _INTEGERS else float
-        columns.setdefault(name, {})[component] = [kind(row[place]) for row in rows]
-    return {name: _array(name, parts) for name, parts in columns.items()}
-
-
-def _integer(text: str) -> int:
-    """A whole number, which may be written with a decimal point or an exponent.
-
-    Raises:
-        ValueError: It is not a whole number.
-    """
-    if not text.strip().lstrip("+-").isdigit():
-        with suppress(ValueError):
-            if float(text).is_integer():
-                return int(float(text))
-    return int(text)
-
-
-def _array(name: str, parts: dict[str, list[Any]]) -> NDArray:
-    """The array that some columns form, whatever their order."""
-    if [*parts] == [""]:
-        return np.array(parts[""])
-    components = _COMPONENTS.get(name) or tuple(str(place) for place in range(len(parts)))
-    if set(parts) != set(components):
-        raise ValueError(f"{name} has the components {shown([*parts])}, expected {components}")
-    return np.column_stack([parts[component] for component in components])
