@@ -9,7 +9,7 @@ from surefoot.deploy.export_file import read_export
 from surefoot.deploy.interfaces import BaseEstimate, JointCommand, Sensors
 from surefoot.deploy.policy import load
 from surefoot.deploy.recorder import FlightRecorder, TickRecord
-from surefoot.interop.logs.check import check_log
+from surefoot.interop.logs.check import check_log, check_pipeline
 from surefoot.interop.logs.sensor_log import sensor_log_of_flight
 from surefoot.types import TICK_NS, Command
 from tests.fakes.exports import NOMINAL, exported
@@ -42,7 +42,7 @@ def measured(tick: int) -> Sensors:
     )
 
 
-def flown(path, total: int, expert=range(0), unseen: int = 0):
+def flown(path, total: int, expert=range(0), unseen: int = 0, missed=()):
     """The log of a flight.
 
     Args:
@@ -50,11 +50,15 @@ def flown(path, total: int, expert=range(0), unseen: int = 0):
         total: Number of ticks of the episode.
         expert: Those that the expert drove.
         unseen: Number of ticks that the recorder has forgotten.
+        missed: Ticks without a measurement.
     """
     policy = load(path)
     recorder = FlightRecorder("solo12")
     policy.reset(measured(0))
     for tick in range(total):
+        if tick in missed:
+            policy.miss(1)
+            continue
         sensors = measured(tick)
         if tick in expert:
             command = JointCommand(policy.nominal, np.full(12, 3.0), np.full(12, 0.05))
@@ -87,6 +91,21 @@ def test_a_right_flight_agrees(path, total, expert, unseen, rows):
     assert report.unjudged == ""
     assert "the joint targets that were logged" in report.compared
     assert max(report.largest) < 1e-4
+
+
+def test_a_flight_with_missed_ticks_agrees_with_the_file_of_the_pipeline_too(tmp_path):
+    """The runtime, which drove, knew of the missed ticks; a pipeline only counts its calls."""
+    file, policy = exported(tmp_path, "proprioceptive")
+    pipeline = read_export(exported(tmp_path, "proprioceptive", "pipeline", policy)[0])
+    log = flown(file, 300, missed=(50, 51, 140, 260))
+    assert len(log) == 296
+    assert check_log(log, read_export(file)).findings == ()
+    report = check_pipeline(log, pipeline)
+    assert report.findings == ()
+    assert max(report.largest) < 1e-4
+    # Of another program's log, the pipeline's own count is taken.
+    found = check_pipeline(replace(log, robot=None), pipeline).findings[0]
+    assert found.term == "joint_target"
 
 
 def test_a_flight_of_another_robot_is_refused(path):

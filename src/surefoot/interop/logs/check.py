@@ -115,7 +115,7 @@ def check_pipeline(log: SensorLog, file: ExportFile, torch: Network | None = Non
     policy = OnnxPolicy(description, network)
     inputs, targets = run_pipeline(PipelineRunner(file), log)
     applied = clipped(policy, log, targets)
-    own = reference_inputs(log, description, applied)
+    own = reference_inputs(log, description, applied, np.arange(len(log)))
     comparison.terms("the pipeline's input", own, inputs)
     comparison.network("the pipeline's targets and its network's", network(inputs), targets)
     if torch is not None:

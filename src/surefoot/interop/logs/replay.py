@@ -20,7 +20,7 @@ from surefoot.interop.logs.sensor_log import SensorLog, remembered
 from surefoot.interop.onnx.runner import PipelineRunner
 from surefoot.learning.observation import Float32Array, goal, observe
 from surefoot.learning.policy import Policy
-from surefoot.types import Array, Command, GaitCommand, State
+from surefoot.types import Array, Command, GaitCommand, IntArray, State
 
 Network = Callable[[Float32Array], Float32Array]
 """A network, ``(n, inputs)`` to ``(n, 12)`` joint targets [rad]."""
@@ -133,7 +133,10 @@ def states_of(log: SensorLog, description: PolicyDescription) -> State:
 
 
 def reference_inputs(
-    log: SensorLog, description: PolicyDescription, applied: Array
+    log: SensorLog,
+    description: PolicyDescription,
+    applied: Array,
+    elapsed: IntArray | None = None,
 ) -> Float32Array:
     """``(T, inputs)`` the network's input in each row, from the package's reference.
 
@@ -141,6 +144,8 @@ def reference_inputs(
         log: The log.
         description: The policy.
         applied: ``(T, 12)`` the joint targets that were applied, for the history [rad].
+        elapsed: ``(T,)`` the ticks since the first row, for the history; None for those of the
+            program that drove the robot.
     """
     spec = description.spec
     state = states_of(log, description)
@@ -150,12 +155,26 @@ def reference_inputs(
     now = spec.observation_size
     if history is not None:
         now -= history.size
-        # A pipeline only counts its calls; the runtime is told which ticks it has missed.
-        elapsed = np.arange(T) if description.kind == "pipeline" else log.elapsed
+        if elapsed is None:
+            elapsed = ticks_of_driver(log, description)
         out[:, now : spec.observation_size] = remembered(state, applied, elapsed, history)
     observe(state, spec.layout.parts, out=out[:, :now])
     goal(log.tick, log.command, spec, out[:, spec.observation_size :], log.gaits)
     return out
+
+
+def ticks_of_driver(log: SensorLog, description: PolicyDescription) -> IntArray:
+    """``(T,)`` the ticks since the first row, as the program that drove the robot counted them.
+
+    A pipeline only counts its calls. The runtime, which alone records flights, runs the network and
+    is told which ticks it has missed, whichever file of the policy the flight is checked with.
+
+    Args:
+        log: The log.
+        description: The policy.
+    """
+    flown = log.robot is not None
+    return log.elapsed if flown or description.kind == "network" else np.arange(len(log))
 
 
 def sensors_of(log: SensorLog, row: int) -> Sensors:
