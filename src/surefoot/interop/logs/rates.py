@@ -171,7 +171,10 @@ def _explain_velocity(
     if remaining(expected, given) <= FOLLOWS:
         return _opposite(term, source, expected, given, AXES)
     told = explain(expected, given, AXES, FOLLOWS, turn[stand])
-    text = f"{term}: it is not {source}; {told.text}"
+    text = (
+        f"{term}: it is not {source} (a robot that hangs in the air has none, and shows nothing); "
+        f"{told.text}"
+    )
     return [Finding(term, told.kind, text)]
 
 
