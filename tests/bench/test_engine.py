@@ -1,12 +1,13 @@
 """The engine's throughput and its lower bound, on a clock that the test moves."""
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 import surefoot.bench.engine as engine_module
-from surefoot.bench.engine import bare_rate, bench_engine
-from surefoot.config import Config, PolicyConfig
+from surefoot.bench.engine import bare_rate, bench_engine, rollout_times
+from surefoot.config import Config, PolicyConfig, RobotConfig
 from surefoot.mpc.expert import make_planner
 from surefoot.rollouts.engine import rollout
 from surefoot.sim import make_simulator
@@ -82,7 +83,13 @@ def test_the_share_of_plans_is_that_of_a_second_of_the_expert(clock):
     assert speed.floor_plan_share == pytest.approx(plans / (plans + steps))
 
 
-def test_a_robot_that_falls_is_no_benchmark(monkeypatch):
+@pytest.mark.parametrize("model", ["solo12", "go2", "anymal_c"])
+def test_every_robot_stands_in_a_benchmark(model):
+    """With the gains of its policies, Go2 sags below its safety bounds after 0.7 s."""
+    assert rollout_times(replace(SMALL, robot=RobotConfig(model)), 2, 2.0).stood
+
+
+def test_a_robot_that_falls_is_no_benchmark_but_has_a_rate(monkeypatch):
     standing = engine_module.standing_policy
 
     def limp_policy(config):
@@ -94,6 +101,9 @@ def test_a_robot_that_falls_is_no_benchmark(monkeypatch):
     monkeypatch.setattr(engine_module, "standing_policy", limp_policy)
     with pytest.raises(RuntimeError, match="did not stand"):
         bare_rate(SMALL, 5, 1.0)
+    times = rollout_times(SMALL, 5, 1.0)
+    assert not times.stood
+    assert 0.0 < times.robot_seconds <= 5.0
 
 
 def test_the_rate_of_a_process_is_that_of_its_rollout(clock):

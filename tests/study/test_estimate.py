@@ -121,7 +121,7 @@ def test_what_else_the_machine_computes_does_not_count(monkeypatch):
         return measure
 
     config = preset("dagger")
-    times = SimpleNamespace(rollout=2.0 * config.chunk)
+    times = SimpleNamespace(rollout=2.0 * config.chunk, robot_seconds=0.5 * config.chunk)
     monkeypatch.setattr(module.time, "perf_counter", lambda: clock["wall"])
     monkeypatch.setattr(module.time, "process_time", lambda: clock["processor"])
     monkeypatch.setattr(module, "chosen_step_seconds", measures(0.004))

@@ -118,7 +118,8 @@ def measure_rates(config: Config) -> Rates:
     step = had * seconds_of_step
     seconds = 0.5
     times, had = _with_share_of_core(lambda: rollout_times(config, config.chunk, seconds))
-    robot_second = had * times.rollout / (config.chunk * seconds)
+    # A robot that does not stand has a rate all the same, that of the ticks until it fell.
+    robot_second = had * times.rollout / times.robot_seconds
     plans, had = _with_share_of_core(lambda: cold_plans(config, 40))
     plan = had * times_of(plans).median / 1e3
     return Rates(plan, robot_second, step)
