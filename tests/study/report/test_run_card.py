@@ -52,6 +52,9 @@ def test_every_number_on_the_card_is_the_stored_one(written):
     page = Page(text)
     assert len(page.numbers) > 30
     check_numbers(page, folder)
+    # What the figure shows besides is explained.
+    assert "In the paper's count a rollout" in page.text
+    assert "The dashed line is at 5 %" in page.text
 
 
 def test_failures_have_the_command_that_replays_them(folder, tmp_path):

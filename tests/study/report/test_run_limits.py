@@ -48,7 +48,7 @@ def test_options_of_pushes_that_never_come_disturb_nobody():
     # Only LocoDAGGER and LocoSafeDAGGER let the expert drive in order to teach.
     for method in METHODS:
         text = text_of(replace(preset(method), collection=taught))
-        assert ("expert_impulse [0.5, 3.0]" in text) == method.startswith("loco_")
+        assert ("expert_impulse 0.5 to 3" in text) == method.startswith("loco_")
 
 
 @pytest.mark.parametrize("method", ["behavior_cloning", "dagger"])

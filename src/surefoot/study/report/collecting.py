@@ -20,6 +20,14 @@ LIMIT = 0.05
 SHARE_LIMIT = 0.10
 """The share of the MPC that the paper's text names for LocoSafeDAGGER (V-A)."""
 
+ABOUT_FAILURES = (
+    "In the paper's count a rollout of LocoDAGGER fails if the MPC diverges while it drives or the "
+    "robot falls while the policy drives, one of LocoSafeDAGGER if the MPC diverges. Physical "
+    "falls count every fall, whoever drove. The dashed line is at 5 %, which the paper's text "
+    "names."
+)
+"""How to read panels of failed rollouts."""
+
 FAILED = percent("failed, in the paper's count")
 """The paper's failures, as a share of an iteration's rollouts."""
 FALLS = percent("fell, whoever drove")
@@ -39,10 +47,7 @@ def collecting_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
         ReportFigure(
             "1-failures",
             "Failed rollouts while collecting data",
-            "Share of the rollouts of each iteration. In the paper's count a rollout of LocoDAGGER "
-            "fails if the MPC diverges while it drives or the robot falls while the policy drives, "
-            "one of LocoSafeDAGGER if the MPC diverges. Physical falls count every fall, whoever "
-            "drove. The dashed line is at 5 %, which the paper's text names.",
+            f"Share of the rollouts of each iteration. {ABOUT_FAILURES}",
             "iterations",
             _rows(
                 results,

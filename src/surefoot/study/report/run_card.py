@@ -24,6 +24,7 @@ from surefoot.runs.run import Run, open_run
 from surefoot.study.folder import Tests
 from surefoot.study.layout import TESTS_FOLDER
 from surefoot.study.report.collecting import (
+    ABOUT_FAILURES,
     FAILED,
     FALLS,
     LIMIT,
@@ -189,7 +190,7 @@ def _figures(
     if collected:
         captions.append(
             "Failed rollouts in the paper's count and physical falls while collecting data, and "
-            "the share of the time that the MPC drove."
+            f"the share of the time that the MPC drove. {ABOUT_FAILURES}"
         )
         failed = [_group(each, paper_failures(each, method)) for each in collected]
         fell = [_group(each, falls(each)) for each in collected]

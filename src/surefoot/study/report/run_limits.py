@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-
 from surefoot.config import BehaviorCloningConfig, CommandBox, Config, DisturbanceConfig
 from surefoot.config.json_io import changes
 from surefoot.config.methods import IterativeConfig
@@ -65,11 +63,11 @@ def _flattery(config: Config, is_field_run: bool) -> str:
     if is_field_run or isinstance(config.method, BehaviorCloningConfig):
         return (
             "Success on the select initial states is for choosing among runs; what is to be "
-            "reported is measured on the test initial states."
+            "reported is measured on the test initial states, by the command surefoot evaluate."
         )
     return (
         "Success on the select initial states chose the best policy, and so flatters it; what is "
-        "to be reported is measured on the test initial states."
+        "to be reported is measured on the test initial states, by the command surefoot evaluate."
     )
 
 
@@ -96,7 +94,19 @@ def disturbance_texts(disturbance: DisturbanceConfig) -> list[str]:
         disturbance: What is drawn for each episode, without options that change nothing.
     """
     return [
-        f"{name} {json.dumps(value)}"
+        disturbance_text(name, value)
         for name, value, _ in changes(disturbance, DisturbanceConfig())
         if name != "fall_angle"  # it does not disturb robots
     ]
+
+
+def disturbance_text(name: str, value: object) -> str:
+    """An option that disturbs robots with its value, such as ``impulse 0.5 to 1.5``.
+
+    Args:
+        name: Name of the option.
+        value: A number, the two ends of a range, or None for the robot's own.
+    """
+    if isinstance(value, list | tuple):
+        return f"{name} {' to '.join(f'{end:g}' for end in value)}"
+    return f"{name} {'of the robot' if value is None else value}"
