@@ -31,7 +31,7 @@ def run_copy(run_folder, tmp_path) -> Path:
     return folder
 
 
-def test_policy_and_expert_begin_from_the_same_states(surefoot, run_copy, tmp_path):
+def test_policy_and_expert_begin_from_the_same_states(surefoot, capsys, run_copy, tmp_path):
     file = tmp_path / "figures.json"
     args = ("evaluate", run_copy, "--episodes", 4, "--workers", 1, "--json", file)
     assert surefoot(*args) == 0
@@ -43,6 +43,7 @@ def test_policy_and_expert_begin_from_the_same_states(surefoot, run_copy, tmp_pa
         assert {"success_rate", "mse"} <= part.keys()
     assert figures["starts_hash"] == figures["expert"]["starts_hash"]
     assert not list(run_copy.glob("evaluation-*.json"))  # fewer episodes than the run's own
+    assert "the run's folder keeps no copy of this report" in capsys.readouterr().err
 
 
 def test_the_outcome_of_each_initial_state_is_kept(surefoot, capsys, run_copy, tmp_path):

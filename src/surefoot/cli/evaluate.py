@@ -119,7 +119,13 @@ class Evaluate(OnPushes, OnWorkers, OnHardware, OnSimulator, OnTerrain):
             warn_of_own_expert(run)
         report = self.measure(policy, config)
         folder = self.target if self.target is not None and self.target.is_dir() else None
-        if folder is not None and self.expert and self.episodes is None:
+        if folder is not None and not (self.expert and self.episodes is None):
+            print(
+                "the run's folder keeps no copy of this report, nor will its page show it: leave "
+                "out --no-expert and --episodes for that",
+                file=sys.stderr,
+            )
+        elif folder is not None:
             copy = folder / self.file_name(config, trained_on)
             try:
                 write_json(copy, report)

@@ -10,6 +10,7 @@ import pytest
 
 from surefoot.config import BehaviorCloningConfig, LocoSafeDaggerConfig
 from surefoot.config.presets import preset
+from surefoot.files import write_json
 from surefoot.robots.scaling import with_own_values
 from surefoot.runs.layout import ATTEMPTS_FILE
 from surefoot.runs.run import open_run
@@ -17,6 +18,7 @@ from surefoot.study.layout import TESTS_FOLDER
 from surefoot.study.report.run_card import option_changes, run_card
 from surefoot.study.report.run_page import write_run_card
 from surefoot.study.report.source import stages
+from tests.evaluation.test_report import whole_report
 from tests.fakes.comparisons import run_of
 from tests.fakes.pages import Page, check_numbers
 from tests.fakes.runs import collected_record
@@ -113,6 +115,21 @@ def test_nobody_drove_in_an_iteration_without_rollouts(folder):
     (folder / "metrics.jsonl").write_text("\n".join([*lines, ""]))
     stage = stages(run_card(folder).metrics)[4]
     assert math.isnan(stage.share("expert_share").value)
+
+
+def test_what_evaluate_stored_is_on_the_page(folder, tmp_path):
+    write_json(folder / "evaluation-test.json", whole_report())
+    page = page_without_figures(run_card(folder), tmp_path / "out")
+    check_numbers(page, folder)
+    shown = {number.attributes["data-source"] for number in page.numbers}
+    for part in ("", "/expert"):
+        place = f"evaluation-test.json#{part}"
+        assert f"div({place}/successes;{place}/episodes)" in shown
+        assert {f"{place}/success_interval/{end}" for end in (0, 1)} <= shown
+        assert {f"{place}/mse/{component}" for component in range(3)} <= shown
+        assert f"{place}/pushes/mean_fitted_impulse" in shown
+    assert "test initial states (solo12-trot-v1), PyBullet" in page.text
+    assert "delay 3" in page.text and "friction 0.6 to 0.7" in page.text
 
 
 def test_a_measurement_that_cannot_be_read_is_named(folder):

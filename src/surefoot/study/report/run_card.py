@@ -14,6 +14,7 @@ from pathlib import Path
 from surefoot.config import Config
 from surefoot.config.json_io import changes, read_record
 from surefoot.config.presets import preset
+from surefoot.evaluation.report import EvaluationReport
 from surefoot.files import sha256_of
 from surefoot.robots.scaling import with_own_values
 from surefoot.robots.several_gaits import for_each_gait
@@ -43,6 +44,7 @@ from surefoot.study.report.panels import (
     group_of,
     percent,
 )
+from surefoot.study.report.run_evaluations import read_evaluations
 from surefoot.study.report.source import StageSource, stages
 
 SUCCESS = percent("success on the select initial states")
@@ -78,6 +80,7 @@ class RunCard:
         is_field_run: Whether it continued learning on a robot, behind a bridge.
         metrics: Its metrics, in the order of the file.
         tests: What was measured of its policies, if the run is among the results of a study.
+        evaluations: What the command evaluate has stored in its folder, by the name of the file.
         policy: File of the best policy; None if there is none.
         policy_sha256: SHA-256 of that file; empty without one.
         failures: Episodes that failed while data was collected.
@@ -92,6 +95,7 @@ class RunCard:
     is_field_run: bool
     metrics: tuple[StageRecord, ...]
     tests: tuple[Tests, ...]
+    evaluations: dict[str, EvaluationReport]
     policy: Path | None
     policy_sha256: str
     failures: tuple[Failure, ...]
@@ -106,7 +110,7 @@ def run_card(folder: Path) -> RunCard:
 
     Raises:
         RunError: There is no run, or one of its files cannot be read.
-        ValueError: A measurement cannot be read; the message names its file.
+        ValueError: A measurement or an evaluation cannot be read; the message names its file.
     """
     run = open_run(folder)
     metrics = tuple(run.metrics)
@@ -124,6 +128,7 @@ def run_card(folder: Path) -> RunCard:
         is_field_run=is_field_run,
         metrics=metrics,
         tests=tests,
+        evaluations=read_evaluations(folder),
         policy=policy,
         policy_sha256="" if policy is None else sha256_of(policy),
         failures=tuple(_failures(run, metrics, is_field_run)),

@@ -32,11 +32,18 @@ from surefoot.study.report.markup import (
     section,
     table,
 )
-from surefoot.study.report.numbers import Number, share, total
+from surefoot.study.report.numbers import total
 from surefoot.study.report.panels import Quantity
-from surefoot.study.report.performance import ERRORS, SUCCESS
+from surefoot.study.report.performance import ERRORS
 from surefoot.study.report.pictures import draw_all
 from surefoot.study.report.run_card import RunCard, option_changes
+from surefoot.study.report.run_evaluations import (
+    ERROR_HEADS,
+    IMPULSE,
+    evaluation_table,
+    interval_text,
+    rate_text,
+)
 from surefoot.study.report.run_limits import limitations
 from surefoot.study.report.source import StageSource, TestSource, stages
 from surefoot.study.report.style import document
@@ -46,8 +53,6 @@ LOSS = Quantity("", "", 1.0, 4)
 """A loss [rad]."""
 PERCENT = Quantity("", "%", 0.01, 1)
 """A share in percent."""
-IMPULSE = Quantity("", "N s", 1.0, 2)
-"""An impulse."""
 MOST_OPTIONS = 12
 """Longer lists of options are folded at first."""
 MOST_FAILURES = 20
@@ -221,13 +226,15 @@ def _minutes(found: dict[str, StageSource]) -> Markup:
 
 
 def _results(card: RunCard, pictures: Sequence[Markup]) -> list[Markup]:
-    """Validation, what a study measured, and the figures."""
+    """What was evaluated, what a study measured, validation, and the figures."""
     parts: list[Markup] = []
+    if card.evaluations:
+        parts.append(evaluation_table(card.evaluations))
     rows = [row for tests in card.tests for row in _test_rows(card, tests)]
     if rows:
         head = (
             *("measurement", "success [%]", "95 % interval", "fell", "stalled"),
-            *(f"MSE {quantity.title} [{quantity.unit}]" for quantity in ERRORS),
+            *ERROR_HEADS,
             "impulse, mean of directions [N s]",
         )
         parts.append(table("Best policy, as measured by its study", head, rows))
@@ -235,7 +242,7 @@ def _results(card: RunCard, pictures: Sequence[Markup]) -> list[Markup]:
     rows = [_validation_row(each) for each in validated]
     head = (
         *(_stage_name(card), "success on select [%]", "95 % interval", "fell", "stalled"),
-        *(f"MSE {quantity.title} [{quantity.unit}]" for quantity in ERRORS),
+        *ERROR_HEADS,
     )
     parts.append(table("All policies, on the select initial states", head, rows))
     for figure, picture in zip(card.figures, pictures, strict=True):
@@ -257,8 +264,8 @@ def _test_rows(card: RunCard, tests: Tests) -> list[tuple[Markup, ...]]:
             rows.append(
                 (
                     name,
-                    _rate(source.robustness("successes"), source.robustness("episodes")),
-                    _interval(
+                    rate_text(source.robustness("successes"), source.robustness("episodes")),
+                    interval_text(
                         source.robustness("success_interval", 0),
                         source.robustness("success_interval", 1),
                     ),
@@ -275,7 +282,7 @@ def _test_rows(card: RunCard, tests: Tests) -> list[tuple[Markup, ...]]:
             impulse = number(source.pushes("mean_fitted_impulse"), IMPULSE, unit=False)
             low = source.pushes("mean_interval", 0)
             high = source.pushes("mean_interval", 1)
-            spread = _interval(low, high, IMPULSE)
+            spread = interval_text(low, high, IMPULSE)
             both = joined([impulse, Markup(f"({spread})")], " ")
             rows.append((name, *[MISSING] * (4 + len(ERRORS)), both))
     return rows
@@ -285,8 +292,8 @@ def _validation_row(stage: StageSource) -> tuple[Markup, ...]:
     """The row of a policy's validation."""
     return (
         escaped(str(stage.record.iteration)),
-        _rate(stage.number("successes"), stage.number("episodes")),
-        _interval(stage.number("success_interval", 0), stage.number("success_interval", 1)),
+        rate_text(stage.number("successes"), stage.number("episodes")),
+        interval_text(stage.number("success_interval", 0), stage.number("success_interval", 1)),
         number(stage.number("falls")),
         number(stage.number("stalls")),
         *(
@@ -294,17 +301,6 @@ def _validation_row(stage: StageSource) -> tuple[Markup, ...]:
             for component, quantity in enumerate(ERRORS)
         ),
     )
-
-
-def _rate(successes: Number, episodes: Number) -> Markup:
-    """A success rate, with the numbers of successes and of episodes."""
-    rate = number(share(successes, episodes), SUCCESS, unit=False)
-    return Markup(f"{rate} ({number(successes)} of {number(episodes)})")
-
-
-def _interval(low: Number, high: Number, quantity: Quantity = SUCCESS) -> Markup:
-    """An interval as its two ends."""
-    return Markup(f"{number(low, quantity, unit=False)} to {number(high, quantity, unit=False)}")
 
 
 def _limits(card: RunCard) -> list[Markup]:
