@@ -104,6 +104,14 @@ def test_an_option_that_does_not_exist_or_is_out_of_range_is_refused_with_its_pl
             "no setting 'some'",
         ),
         (
+            {
+                "settings": (Setting("dog", "my dog"),),
+                "comparisons": (PlannedComparison("test", "safe", "clone", "all"),),
+            },
+            "no setting 'all': that is the single setting of a study that lists no settings; name "
+            "one of dog",
+        ),
+        (
             {"comparisons": (PlannedComparison("test", "safe", "safe", "all"),)},
             "a comparison is of the runs of two techniques",
         ),

@@ -35,6 +35,8 @@ Measure = Literal["robustness", "impulse", "imitation"]
 withstand; the deviation from the expert's targets in states that the expert visits."""
 EXPERT = "expert"
 """The technique that is the expert itself: it is measured, but there is nothing to train."""
+ALL = "all"
+"""The single setting, without options, of a study that lists no settings."""
 PAPER_TECHNIQUES = ("behavior_cloning", "loco_dagger-0.5", "loco_dagger-0.8", "loco_safe_dagger")
 """The techniques that the paper's claims are about, by their names in the study `paper`."""
 RESERVED = (
@@ -179,7 +181,7 @@ class StudyConfig(Checked):
     """The techniques that are compared."""
     measurements: tuple[Measurement, ...]
     """What is measured of them."""
-    settings: tuple[Setting, ...] = field(default_factory=lambda: (Setting("all", "all"),))
+    settings: tuple[Setting, ...] = field(default_factory=lambda: (Setting(ALL, ALL),))
     """The settings."""
     seeds: tuple[Annotated[int, Within(0, 2**31 - 1)], ...] = (0, 1, 2)
     """Seeds of the runs. A seed fixes all data and all trainings of a cell."""
@@ -238,7 +240,13 @@ class StudyConfig(Checked):
         Raises:
             ValueError: There is none.
         """
-        return _part("setting", name, {part.name: part for part in self.settings})
+        settings = {part.name: part for part in self.settings}
+        if name == ALL and name not in settings:
+            raise ValueError(
+                f"there is no setting {name!r}: that is the single setting of a study that lists "
+                f"no settings; name one of {', '.join(settings)}"
+            )
+        return _part("setting", name, settings)
 
     def measurement(self, name: str) -> Measurement:
         """The measurement of this name.
