@@ -11,6 +11,8 @@ from surefoot.evaluation.imitation import ImitationError
 from surefoot.study import folder as study_folder
 from surefoot.study.report.collecting import collecting_figures
 from surefoot.study.report.drawing import draw
+from surefoot.study.report.numbers import Number
+from surefoot.study.report.panels import RunPoint, group_of
 from surefoot.study.report.performance import performance_figures
 from surefoot.study.report.pictures import inline_svg
 from surefoot.study.results import read_results
@@ -63,6 +65,40 @@ def test_the_papers_figures_and_the_best_policies_are_there(results):
     assert names == [
         *("3-success-test", "4-tracking-test", "5-pushes-push", "6-mean-push-push", "7-best")
     ]
+
+
+def test_only_captions_of_figures_with_the_expert_name_its_line(results):
+    line = "The dotted line is the expert."
+    assert all(figure.caption.endswith(line) for figure in performance_figures(results))
+    techniques = tuple(each for each in results.study.techniques if each.method != "expert")
+    study = replace(results.study, techniques=techniques)
+    alone = replace(results, setup=replace(results.setup, study=study))
+    figures = performance_figures(alone)
+    assert figures
+    assert not any(line in figure.caption for figure in figures)
+
+
+def with_successes(figure, successes):
+    """A figure of success of 10 episodes, in which each run has succeeded so often."""
+    [[panel]] = figure.rows
+    points = [
+        RunPoint(seed, Number(1000.0, "x"), Number(count / 10, "y", 10))
+        for seed, count in enumerate(successes)
+    ]
+    curve = replace(panel.curves[0], groups=(group_of("best policy", points),))
+    return replace(figure, rows=((replace(panel, curves=(curve,), reference=None),),))
+
+
+@pytest.mark.parametrize("successes", [(0, 0), (10, 10)])
+def test_the_intervals_of_shares_that_are_the_same_are_not_cut(results, successes):
+    figure = with_successes(performance_figures(results)[0], successes)
+    [axes] = draw(figure).axes
+    [group] = figure.curves[0].groups
+    assert group.estimate is not None
+    assert group.estimate.low is not None and group.estimate.high is not None
+    low, high = axes.get_ylim()
+    assert low <= 100 * group.estimate.low.value
+    assert 100 * group.estimate.high.value <= high
 
 
 def test_every_run_is_a_point_and_a_missing_one_is_left_out(results):

@@ -59,6 +59,8 @@ LOOK: dict[RcKeyType, Any] = {
     "lines.markersize": 6,
 }
 """Matplotlib's settings for all figures of a report."""
+SAME_SHARE = 0.05
+"""Shares that all lie within so much of each other are shown with their whole intervals."""
 AXIS_TITLES = {
     "iterations": "iteration",
     "policies": "policy",
@@ -214,7 +216,8 @@ def _values(panel: Panel) -> list[float]:
 def _limits(figure: ReportFigure, panel: Panel) -> tuple[float, float] | None:
     """The ends of the axis of a panel's values; None for a logarithmic one.
 
-    They are chosen by the runs; the intervals of few runs may reach beyond them.
+    They are chosen by the runs; the intervals of few runs may reach beyond them, except those of
+    shares that hardly differ, which are hardly wider than what their episodes alone allow.
     """
     values = _values(panel)
     top = max(values)
@@ -223,7 +226,8 @@ def _limits(figure: ReportFigure, panel: Panel) -> tuple[float, float] | None:
         values = [*values, limit]
         top = max(top, 1.5 * limit)
     if panel.quantity.is_share:
-        if not figure.over_runs:
+        differ = (max(values) - min(values)) * panel.quantity.scale > SAME_SHARE
+        if not figure.over_runs or not differ:
             # The intervals of a single run are those of its episodes, and narrower.
             ends = [
                 end.value / panel.quantity.scale

@@ -8,6 +8,7 @@ The best policy of a run is the one that was chosen on the `select` initial stat
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from surefoot.config.study import Measure, Measurement, StudyConfig
 from surefoot.study.report.numbers import Number, share
@@ -69,7 +70,14 @@ def performance_figures(results: StudyResults) -> tuple[ReportFigure, ...]:
     figures.append(_best_figure(results))
     figures += [_best_error_figure(results, each) for each in tracked_best(results.study)]
     figures += [_imitation_figure(results, each) for each in _measurements(results, "imitation")]
-    return tuple(figure for figure in figures if figure.curves)
+    return tuple(_about_expert(figure) for figure in figures if figure.curves)
+
+
+def _about_expert(figure: ReportFigure) -> ReportFigure:
+    """The figure; its caption says which line is the expert, if there is one."""
+    if all(panel.reference is None for panel in figure.panels):
+        return figure
+    return replace(figure, caption=f"{figure.caption} The dotted line is the expert.")
 
 
 def tracked_best(study: StudyConfig) -> list[Measurement]:
@@ -102,7 +110,7 @@ def _success_figure(results: StudyResults, measurement: Measurement) -> ReportFi
         "Success against the size of the dataset",
         f"Share of successful episodes ({measurement.title}) of the policy of each iteration, and "
         "of behavior cloning on parts of its data, against the number of frames that the policy "
-        "was trained on. The dotted line is the expert.",
+        "was trained on.",
         "frames",
         (tuple(panels),),
     )
@@ -131,8 +139,7 @@ def _error_figure(results: StudyResults, measurement: Measurement) -> ReportFigu
         "Velocity tracking against the size of the dataset",
         f"Mean squared error of vx, vy and yaw rate ({measurement.title}), in thousandths. Above "
         "as in the paper: successful episodes only, the whole of each. Below: all episodes that "
-        "last so long, from 1 s on. A policy without such episodes has no error. The dotted line "
-        "is the expert.",
+        "last so long, from 1 s on. A policy without such episodes has no error.",
         "frames",
         tuple(rows),
     )
@@ -171,8 +178,8 @@ def _push_figure(results: StudyResults, measurement: Measurement) -> ReportFigur
         "Largest impulse by direction",
         f"Impulse on the base that the best policy of each run withstands ({measurement.title}), "
         "by the direction of the push, seen from above: forward is up, left is left. The lines are "
-        "means over runs, the points are runs, the dotted line is the expert. 0 means that too few "
-        "robots survive even without a push.",
+        "means over runs, the points are runs. 0 means that too few robots survive even without a "
+        "push.",
         "directions",
         grid(panels, len(IMPULSES)),
     )
@@ -214,7 +221,7 @@ def _mean_push_figure(results: StudyResults, measurement: Measurement) -> Report
         f"6-mean-push-{measurement.name}",
         "Impulse withstood, mean of all directions",
         f"The best policy of each run ({measurement.title}): every run as a point, the mean over "
-        "runs with its interval. The dotted line is the expert.",
+        "runs with its interval.",
         "techniques",
         rows,
     )
@@ -234,8 +241,7 @@ def _best_figure(results: StudyResults) -> ReportFigure:
         BEST_FIGURE,
         "Success of the best policy of each run",
         "Every run as a point, the mean over runs with its interval below them; one panel for each "
-        "measurement, among them those in another simulator, where there are any. The dotted line "
-        "is the expert.",
+        "measurement, among them those in another simulator, where there are any.",
         "techniques",
         rows,
     )
@@ -262,8 +268,7 @@ def _best_error_figure(results: StudyResults, measurement: Measurement) -> Repor
         BEST_ERRORS,
         "Velocity tracking of the best policy of each run",
         f"Mean squared error of vx, vy and yaw rate ({measurement.title}), in thousandths: {way}. "
-        "Every run as a point, the mean over runs with its interval. The dotted line is the "
-        "expert.",
+        "Every run as a point, the mean over runs with its interval.",
         "techniques",
         rows,
     )
