@@ -93,11 +93,17 @@ def elsewhere(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(
     ("word", "folder"),
-    [("v1.2", "studies/v1.2"), ("smoke", "studies/smoke"), ("grids/a.json", "studies/mine")],
+    [
+        ("v1.2", "studies/v1.2"),
+        ("smoke", "studies/smoke"),
+        ("grids/a.json", "studies/mine"),
+        ("studies/smoke", "studies/smoke"),
+        ("grids/mine", "grids/mine"),
+    ],
 )
 def test_the_folder_of_a_study_has_its_name(surefoot, capsys, elsewhere, word, folder):
     assert surefoot("study", "status", word) == 2
-    assert f"{folder} holds no study" in capsys.readouterr().err
+    assert f"surefoot: {folder} holds no study" in capsys.readouterr().err
 
 
 def test_the_file_of_a_study_that_has_begun_is_a_study_too(folder):

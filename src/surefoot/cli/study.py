@@ -165,7 +165,8 @@ class Study(OnWorkers):
         if self.folder is not None:
             return self.folder
         path = Path(name)
-        if (path / STUDY_FILE).is_file():
+        is_a_path = len(path.parts) > 1 and not path.is_file()
+        if is_a_path or (path / STUDY_FILE).is_file():
             return path
         return Path("studies") / (study_named(name).name if path.is_file() else name)
 
