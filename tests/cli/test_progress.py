@@ -2,7 +2,9 @@
 
 import logging
 
-from surefoot.cli.progress import log_shown, seconds_bar
+import pytest
+
+from surefoot.cli.progress import duration_text, log_shown, seconds_bar
 
 logger = logging.getLogger("surefoot.runs.stages")
 
@@ -25,6 +27,14 @@ def test_each_line_is_shown_once_however_often_a_command_ran(capsys):
         logger.info("once")
     logger.info("not shown")
     assert capsys.readouterr().out == "once\n"
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(2.0, "1 minute"), (170.0, "3 minutes"), (3570.0, "60 minutes"), (5400.0, "1.5 hours")],
+)
+def test_durations_below_an_hour_are_minutes(seconds, text):
+    assert duration_text(seconds) == text
 
 
 def test_a_bar_of_simulated_time_ends_when_the_robot_stops(capsys):

@@ -175,7 +175,9 @@ def test_an_estimate_is_written_where_it_was_asked_for(surefoot, monkeypatch, ca
     assert report["jobs"] == [{"name": name, "seconds": 1800.0} for name in names]
     assert (report["processor"], report["workers"]) == ("a processor", 2)
     assert report["hours"] == (len(names) + 1) // 2 / 2  # the last of the fifteen runs alone
-    assert f"{len(names)} jobs, about {len(names) / 2:.1f} core-hours" in capsys.readouterr().out
+    assert (
+        f"{len(names)} jobs, about {len(names) / 2:.1f} hours of a core" in capsys.readouterr().out
+    )
 
 
 def test_an_estimate_for_some_jobs_is_of_them_and_those_that_they_need(

@@ -49,6 +49,18 @@ def write_line(text: str, file: TextIO) -> None:
         print(text, file=file)
 
 
+def duration_text(seconds: float) -> str:
+    """A duration in words: hours, and below an hour whole minutes, at least one.
+
+    Args:
+        seconds: The duration [s].
+    """
+    if seconds >= 3600.0:
+        return f"{seconds / 3600.0:.1f} hours"
+    minutes = max(round(seconds / 60.0), 1)
+    return f"{minutes} minute{'s' if minutes > 1 else ''}"
+
+
 def seconds_bar(seconds: float, title: str) -> tqdm:
     """A bar of simulated time; give its `update` to `surefoot.rollouts.jobs.play_out`.
 

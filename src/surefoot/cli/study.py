@@ -18,6 +18,7 @@ import tyro
 
 from surefoot.cli.options import OnWorkers
 from surefoot.cli.outputs import Output, check_outputs
+from surefoot.cli.progress import duration_text
 from surefoot.errors import unknown
 from surefoot.files import write_json
 
@@ -299,10 +300,11 @@ def hours_of(jobs: Sequence[StudyJob], estimate: Estimate, workers: int) -> floa
 
 def describe_work(jobs: Sequence[StudyJob], estimate: Estimate, workers: int) -> str:
     """How much there is to do, in a sentence."""
-    core_hours = sum(estimate.seconds[job.name] for job in jobs) / 3600.0
+    on_one_core = duration_text(sum(estimate.seconds[job.name] for job in jobs))
+    wall = duration_text(3600.0 * hours_of(jobs, estimate, workers))
     return (
-        f"{len(jobs)} jobs, about {core_hours:.1f} core-hours on this machine, "
-        f"{hours_of(jobs, estimate, workers):.1f} hours with {workers} at a time"
+        f"{len(jobs)} jobs, about {on_one_core} of a core of this machine, {wall} with {workers} "
+        "at a time"
     )
 
 
@@ -316,5 +318,5 @@ def describe_state(statuses: Sequence[JobStatus], estimate: Estimate | None, wor
     if estimate is not None and count["done"] < len(statuses):
         left = estimate.left(statuses, workers)
         end = datetime.now() + timedelta(seconds=left)
-        lines.append(f"about {left / 3600:.1f} hours left, until {end:%Y-%m-%d %H:%M}")
+        lines.append(f"about {duration_text(left)} left, until {end:%Y-%m-%d %H:%M}")
     return "\n".join(lines)
