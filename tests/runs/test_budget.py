@@ -1,5 +1,6 @@
 """A budget of expert-seconds on the toy: what is spent, which rollouts count, the same bits."""
 
+import re
 import shutil
 from dataclasses import replace
 
@@ -99,6 +100,15 @@ def test_each_collection_is_the_first_rollouts_that_its_share_of_what_is_left_pa
             assert stored.episode[~stored.query].tolist() == ids[paid].tolist()
         left -= record.plans
     assert left >= 0
+
+
+def test_the_log_says_what_is_spent_in_all(tmp_path, caplog):
+    caplog.set_level("INFO", logger="surefoot")
+    run = run_method(tmp_path, config_of("loco_dagger-0.5"))
+    told = re.findall(r"([\d.]+) s of the budget spent in all", caplog.text)
+    spent = [collected(run, i).spent_seconds or 0.0 for i in iterations_of(run)]
+    assert len(told) == len(spent)
+    assert [float(text) for text in told] == pytest.approx(np.cumsum(spent), abs=0.006)
 
 
 @pytest.mark.parametrize("name", first_often(3, NAMES))

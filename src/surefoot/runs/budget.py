@@ -69,9 +69,13 @@ def solves_left(run: Run, i: int) -> int | None:
     seconds = run.config.budget.expert_seconds
     if seconds is None:
         return None
+    return max(solves_of(seconds) - solves_spent(run, i), 0)
+
+
+def solves_spent(run: Run, i: int) -> int:
+    """MPC solves that are spent before iteration i begins."""
     collected = [run.collected(before) for before in range(i)]
-    spent = sum(record.plans for record in collected if record is not None)
-    return max(solves_of(seconds) - spent, 0)
+    return sum(record.plans for record in collected if record is not None)
 
 
 def iterations_within_budget(run: Run, iterations: int, first: int = 1) -> Iterator[int]:

@@ -24,7 +24,7 @@ from surefoot.learning.symmetry import Mirrored
 from surefoot.learning.train import FitResult, fit
 from surefoot.rollouts.jobs import Job, expert_name
 from surefoot.rollouts.summary import Summary, join_summaries
-from surefoot.runs.budget import SECONDS_PER_SOLVE, allowance
+from surefoot.runs.budget import SECONDS_PER_SOLVE, allowance, solves_spent
 from surefoot.runs.collecting import Limit, PlayChunks, run_and_store, simulate_chunks
 from surefoot.runs.collection_cost import collection_cost
 from surefoot.runs.episode_ids import end_of_iteration
@@ -115,12 +115,13 @@ def collect_data(
         spent_seconds=None if allowed is None else cost.plans * SECONDS_PER_SOLVE,
     )
     record = run.append_metrics(record)
+    spent = SECONDS_PER_SOLVE * solves_spent(run, iteration + 1)
     logger.info(
         f"iteration {iteration}: {cost.episodes} rollouts, {cost.falls} fell, "
         f"{cost.diverged} diverged, expert share {100 * cost.expert_share:.1f} % "
         f"(with tail {100 * cost.expert_share_with_tail:.1f} %), "
         f"{cost.frames_kept} frames kept, {data.frames} in all"
-        + ("" if allowed is None else f", {record.spent_seconds:.2f} s of the budget spent")
+        + ("" if allowed is None else f", {spent:.2f} s of the budget spent in all")
     )
     return record
 
