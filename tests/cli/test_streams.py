@@ -4,6 +4,7 @@ import io
 import sys
 
 import pytest
+from tqdm import tqdm
 
 from surefoot.cli.streams import LastingStream, failure_of, lasting_output
 
@@ -17,6 +18,23 @@ def test_what_is_written_arrives_in_order_with_the_stream_below():
     stream.write("after")
     stream.flush()
     assert buffer.getvalue() == b"10 m\\xb2\nafter"
+
+
+@pytest.mark.parametrize("is_terminal", [False, True])
+def test_a_message_after_a_bar_begins_a_line_in_a_file(monkeypatch, is_terminal):
+    buffer = io.BytesIO()
+    below = io.TextIOWrapper(buffer, "utf-8", newline="")
+    stream = LastingStream(below)
+    monkeypatch.setattr(stream, "isatty", lambda: is_terminal)
+    bar = tqdm(total=2, desc="walk", file=stream, leave=False)
+    bar.update(1)
+    bar.close()
+    print("surefoot: no", file=stream)
+    print("surefoot: more", file=stream)
+    lines = buffer.getvalue().decode().replace("\r\n", "\n").split("\n")
+    assert ("surefoot: no" in lines) != is_terminal
+    assert "surefoot: more" in lines
+    assert "" not in lines[:-1]
 
 
 def test_the_first_failure_is_kept_and_the_rest_is_dropped(tmp_path):

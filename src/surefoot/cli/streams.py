@@ -33,11 +33,18 @@ class LastingStream(io.TextIOWrapper):
             line_buffering=True,  # so that a failure shows where it happens
         )
         self.failure: OSError | None = None
+        self._in_bar = False
 
     def write(self, text: str, /) -> int:
-        """Write a text, or drop it if the stream has failed."""
+        """Write a text, or drop it if the stream has failed.
+
+        In a file, what follows a progress bar begins a line of its own: nothing erases bars there.
+        """
+        begins_line = self._in_bar and text[:1] not in "\r\n\x1b" and not self.isatty()
+        if text:
+            self._in_bar = not text.endswith("\n") and (self._in_bar or text.startswith("\r"))
         try:
-            super().write(text)
+            super().write(f"\n{text}" if begins_line else text)
         except OSError as error:
             self._fail(error)
         return len(text)

@@ -18,7 +18,8 @@ def epochs_bar(title: str) -> Iterator[Progress]:
     Args:
         title: Text of the bar.
     """
-    with tqdm(desc=title, unit="epoch", leave=False) as bar:
+    # Without a delay, a bar of nothing would be shown first: how many epochs there are comes later.
+    with tqdm(desc=title, unit="epoch", leave=False, delay=0.01) as bar:
 
         def progress(epoch: int, epochs: int, train_loss: float, validation_loss: float) -> None:
             if bar.n == 0:
