@@ -121,6 +121,20 @@ def test_a_command_that_answers_a_state_of_the_future_is_refused():
     assert world.bridge.refused == refused + 1
 
 
+def test_a_robot_is_damped_before_the_state_that_its_commands_answer_is_too_old():
+    world = World()
+    world.drive()
+    command = protocol.pack_command(world.driver.written[-1])
+    answered = world.robot._bridges_clock
+    world.runtime_runs = False
+    while world.driver.damped_at is None:
+        world.robot._post(protocol.COMMAND, command)
+        world.tick()
+    assert world.bridge.cause == protocol.OLD_STATE
+    age = world.driver.damped_at - answered
+    assert (TOY.command_age - 0.001) * 1e9 < age <= TOY.command_age * 1e9
+
+
 def test_a_base_may_be_an_array():
     world = World()
     plain = world.driver.measurement

@@ -1,4 +1,4 @@
-"""Who drives in lockstep, where the robot waits: nobody else is asked."""
+"""Who drives: in lockstep, where the robot waits, nobody else is asked."""
 
 from typing import Any
 
@@ -51,6 +51,20 @@ def test_whoever_does_not_drive_is_asked_unless_the_robot_waits(lockstep, expert
     assert expert.rehearsed == standing + (0 if expert_drives else driven)
     assert len(policy.asked) == (0 if expert_drives else 7)
     assert drivers.expert_ticks == (7 if expert_drives else 0)
+
+
+@pytest.mark.parametrize("expert_drives", [False, True])
+def test_ticks_that_nobody_saw_count_for_whoever_drives(expert_drives):
+    world = World()
+    world.run(3)
+    sensors = world.robot.read()
+    expert: Any = ToyExpert()
+    drivers = Drivers(ToyPolicy(), Safeguard(Switch(expert_drives), expert), lockstep=False)
+    drivers.begin(sensors, 0)
+    drivers.command(sensors, 0, Command(), 0, unseen=0)
+    drivers.command(sensors, 4, Command(), 0, unseen=3)
+    assert drivers.driven == 5
+    assert drivers.expert_ticks == (5 if expert_drives else 0)
 
 
 def test_an_expert_that_has_to_drive_and_is_not_there_is_an_error():

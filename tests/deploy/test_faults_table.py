@@ -238,18 +238,21 @@ def test_a_torque_at_its_limit_for_too_long_is_a_fault():
 
 
 @pytest.mark.parametrize("every", [1, 5])
-def test_how_long_a_torque_is_at_its_limit_is_a_matter_of_the_clock(every):
-    limits = Limits(low=-np.ones(12), high=np.ones(12), speed=np.ones(12), torque=np.ones(12))
-    tests = FaultTests(limits, RuntimeConfig(saturation=0.1))
+def test_how_long_a_torque_is_at_its_share_of_the_limit_is_a_matter_of_the_clock(every):
+    one = np.ones(12)
+    tests = FaultTests(
+        Limits(low=-one, high=one, speed=one, torque=2.0 * one),
+        RuntimeConfig(saturation=0.1, saturation_share=0.5),
+    )
     still = np.zeros(12)
     level = np.array([0.0, 0.0, 0.0, 1.0])
-    free = Sensors(0, 0, still, still, still, level, np.zeros(3), np.zeros(3), None)
+    free = Sensors(0, 0, still, still, 0.99 * one, level, np.zeros(3), np.zeros(3), None)
     assert tests.unsafe(free) is None
-    saturated = free._replace(joint_torque=np.eye(12)[4])
+    saturated = free._replace(joint_torque=0.99 * one + 0.01 * np.eye(12)[4])
     for tick in range(every, 100, every):
         assert tests.unsafe(saturated._replace(time_ns=tick * TICK_NS)) is None
     fault = tests.unsafe(saturated._replace(time_ns=100 * TICK_NS))
-    assert fault == ("saturated torque", "FR_HFE at its 1.00 N m for 100 ms")
+    assert fault == ("saturated torque", "FR_HFE at its 2.00 N m for 100 ms")
 
 
 def test_torques_at_their_limit_with_breaks_are_none():

@@ -1,6 +1,7 @@
 """The hand-over to the expert: latency, late and invalid plans, a planner that has ended."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from surefoot.config.deploy import RuntimeConfig
@@ -90,6 +91,20 @@ def test_the_state_that_is_expected_moves_on_as_it_moves():
     np.testing.assert_allclose(q[3:7], [0.0, 0.0, np.sin(0.01), np.cos(0.01)])
     np.testing.assert_allclose(v[:6], [0.1, 0.0, -0.5, 0.0, 0.0, 2.0])
     np.testing.assert_array_equal(v[6:], measured.joint_velocity)
+
+
+def test_a_base_that_is_tilted_moves_and_turns_in_its_own_frame():
+    orientation = pin.exp3(np.array([0.5, -0.8, 1.2]))
+    measured = sensors(
+        orientation=pin.Quaternion(orientation).coeffs(),
+        angular_velocity=np.array([1.0, -2.0, 1.5]),
+        base=BaseEstimate(0.25, np.array([0.4, -0.3, 0.2])),
+    )
+    q, _ = expected(measured, 10)
+    turned = pin.Quaternion(orientation @ pin.exp3(0.01 * measured.angular_velocity)).coeffs()
+    assert abs(q[3:7] @ turned) == pytest.approx(1.0, abs=1e-12)
+    assert measured.base is not None
+    assert q[2] == pytest.approx(0.25 + 0.01 * (orientation @ measured.base.velocity)[2])
 
 
 def test_without_an_estimate_of_the_base_there_is_no_plan():
