@@ -1,13 +1,15 @@
 """Checkpoints: they bring a fit back to the bit, or change nothing."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
 
-from surefoot.learning.checkpoint import load_checkpoint, save_checkpoint
+from surefoot.learning.checkpoint import key_of, load_checkpoint, save_checkpoint
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.observation import INPUT_SIZE
-from tests.fakes.learning import SMALL
+from tests.fakes.learning import FLOAT32, SMALL, SPEC, toy_frames
 from tests.fuzz.tensors import contents, sealed
 
 LOSSES = [(0.1, float("nan")), (1 / 3, 0.2)]
@@ -53,6 +55,23 @@ def test_network_optimizer_and_losses_come_back_to_the_bit(stored):
     np.testing.assert_array_equal(losses, LOSSES)
     assert any("exp_avg" in name for name in expected)
     assert_same_tensors(tensors_of(network, optimizer), expected)
+
+
+def test_a_fit_of_anything_else_has_another_key():
+    def key(seed_of_network=0, episode=0, config=FLOAT32, spec=SPEC, epochs=2, seed=0):
+        network = PolicyNetwork(SMALL, seed_of_network)
+        cpu = torch.device("cpu")
+        return key_of(network, toy_frames([episode]), config, spec, epochs, seed, cpu)
+
+    others = [
+        key(seed_of_network=1),
+        key(episode=1),
+        key(config=replace(FLOAT32, batch=64)),
+        key(spec=replace(SPEC, kp=9.0)),
+        key(epochs=3),
+        key(seed=1),
+    ]
+    assert len({key(), key(), *others}) == 7
 
 
 def flip(content):

@@ -319,14 +319,15 @@ def test_a_loss_that_explodes_is_an_error():
 
 
 def test_training_on_images_is_training_on_both_recordings():
-    both = concatenate([FRAMES, LEFT_RIGHT.frames(FRAMES)])
-    mirrored = run(Mirrored(FRAMES, LEFT_RIGHT), config=MIRRORED)
+    aside = replace(FRAMES, command=FRAMES.command + np.array([0.0, 0.1, -0.2]))
+    both = concatenate([aside, LEFT_RIGHT.frames(aside)])
+    mirrored = run(Mirrored(aside, LEFT_RIGHT), config=MIRRORED)
     recorded = run(both, Steps(mirrored.steps))
     assert torch.equal(weights(mirrored.network), weights(recorded.network))
     assert mirrored.validation_loss == recorded.validation_loss
     np.testing.assert_array_equal(mirrored.command_range, both.command_range)
     assert mirrored.frames == len(FRAMES)
-    assert not torch.equal(weights(mirrored.network), weights(run().network))
+    assert not torch.equal(weights(mirrored.network), weights(run(aside).network))
 
 
 @pytest.mark.parametrize("epochs", [1, 2, 5])

@@ -4,6 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from surefoot.robots.load import load_robot
 from surefoot.robots.rigid import (
     center_of_mass,
     difference,
@@ -107,3 +108,16 @@ def test_center_of_mass_matches_pinocchio():
     com = center_of_mass(q, legs_of(ROBOT), masses_of(ROBOT))
     for t in range(len(q)):
         np.testing.assert_allclose(com[t], pin.centerOfMass(MODEL, data, q[t]), atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["anymal_c", "hyq"])
+def test_inertias_of_links_whose_frames_are_turned_have_the_axes_of_the_base(name):
+    robot = load_robot(name)
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, pin.neutral(robot.model))
+    found = masses_of(robot).link_inertia.reshape(12, 3, 3)
+    axes = [data.oMi[body].rotation for body in range(2, 14)]
+    assert max(np.abs(R - np.eye(3)).max() for R in axes) > 0.5
+    for body, R in enumerate(axes, 2):
+        own = robot.model.inertias[body].matrix()[3:, 3:]  # about the joint
+        np.testing.assert_allclose(found[body - 2], R @ own @ R.T, atol=1e-12)

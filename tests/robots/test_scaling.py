@@ -100,6 +100,8 @@ def test_scaling_is_that_of_dynamic_similarity():
     own = own_values(MODELS["go2"])
     assert own.kp / own.policy_kp == pytest.approx(1.5, rel=1e-3)
     assert own.kd / own.kp == pytest.approx(0.05 / 3.0 * size.length_ratio**0.5, rel=1e-3)
+    policys = 0.1 / 2.0 * size.length_ratio**0.5
+    assert own.policy_kd / own.policy_kp == pytest.approx(policys, rel=1e-3)
     assert own.capture_time == pytest.approx(0.15 * size.length_ratio**0.5, rel=1e-3)
 
 

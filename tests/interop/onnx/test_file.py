@@ -8,7 +8,7 @@ import onnx
 import pytest
 import torch
 
-from surefoot.config import Config, Gait, RobotConfig
+from surefoot.config import Config, DisturbanceConfig, Gait, RobotConfig
 from surefoot.config.gait_table import GAITS
 from surefoot.config.json_io import from_json
 from surefoot.deploy.description import KEY, PolicyDescription, StartRange
@@ -167,6 +167,20 @@ def test_limits_are_never_wider_than_those_that_the_policy_was_trained_within(tm
     assert own.torque_limit == (1.8,) * 12
     assert own.speed_limit == trained.speed
     assert own.position_limit == policy.limits.position
+    policy.limits = replace(trained, speed=(5.0,) * 12)
+    profiled = load_robot(RobotConfig(profile="odri"))
+    assert describe(policy, file, profiled, Config()).speed_limit == (5.0,) * 12
+
+
+@pytest.mark.parametrize(("collection", "pretraining"), [(3, 0), (0, 3), (2, 3)])
+def test_the_delay_is_the_longest_of_all_training(tmp_path, collection, pretraining):
+    exported(tmp_path)
+    config = Config(
+        collection=DisturbanceConfig(delay=collection),
+        pretraining=DisturbanceConfig(delay=pretraining),
+    )
+    found = describe(policy_of(), tmp_path / "policy.safetensors", robot_of(), config)
+    assert found.delay_ms == 3
 
 
 def test_another_robots_joints_keep_the_names_that_its_own_description_has(tmp_path):
@@ -184,8 +198,19 @@ def test_the_start_range_holds_the_initial_states_trained_on():
     angles = roll_pitch(rotation(q[:, 3:7]))
     assert found.roll[1] >= angles[:, 0].max()
     assert found.pitch[0] <= angles[:, 1].min()
-    assert [low for low, _ in found.joints] <= q[:, 7:].min(axis=0).tolist()
+    low, high = np.transpose(found.joints)
+    assert (low <= q[:, 7:].min(axis=0)).all()
+    assert (high >= q[:, 7:].max(axis=0)).all()
     assert found.starts == "solo12-trot-v1"
+
+
+def test_the_start_range_holds_the_settled_gait_cycle():
+    stored = load_starts()
+    q = stored["nominal"].q.copy()
+    q[0, 7:] = 3.0
+    settled = replace(stored["nominal"], q=q)
+    found = start_range((replace(stored, grid=stored.grid | {"nominal": settled}),), "train")
+    assert [high for _, high in found.joints] == [3.0] * 12
 
 
 def test_several_gaits_are_described(tmp_path):

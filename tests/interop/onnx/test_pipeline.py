@@ -32,8 +32,9 @@ def test_the_pipeline_gives_what_the_runtime_gives(tmp_path, layout):
     log = smooth_log(150, yaw=2.5)
     runtime = OnnxPolicy(file.description, runner(network.read_bytes()))
     inputs, targets, _ = run_runtime(runtime, log)
+    pipeline = PipelineRunner(file)
     for _ in range(2):  # a reset begins anew
-        seen, answers = run_pipeline(PipelineRunner(file), log)
+        seen, answers = run_pipeline(pipeline, log)
         np.testing.assert_allclose(seen, inputs, atol=3e-5)
         np.testing.assert_allclose(answers, targets, atol=2e-5)
 
