@@ -14,6 +14,7 @@ from surefoot.evaluation.gaits import (
     results_by_gait,
     switching_job,
 )
+from surefoot.evaluation.statistics import wilson
 from surefoot.mpc.gaits import with_gaits
 from surefoot.rollouts.outcome import Outcome
 from surefoot.scenarios.gait_switches import GaitSwitches
@@ -43,6 +44,7 @@ def test_results_are_split_by_the_gait_of_the_initial_state():
     assert (trot.speed.gait, bound.speed.gait) == ("trot", "bound")
     assert (trot.episodes, trot.successes, trot.falls, trot.stalls) == (3, 2, 1, 0)
     assert (bound.episodes, bound.successes, bound.falls, bound.stalls) == (2, 1, 0, 1)
+    assert trot.success_interval == wilson(2, 3)
     # Speeds are those of the successes.
     assert (trot.speed.robots, trot.speed.on_speed) == (2, 1)
     assert trot.speed.error == pytest.approx((0.05, 0.0, 0.1))
@@ -79,6 +81,7 @@ def test_robots_begin_in_all_gaits_alike_and_change_six_times(config):
     assert job.episodes.switches is not None
     assert job.episodes.switches.elapsed.shape == (4, 6)
     assert (job.episodes.switches.elapsed < 20_000).all()
+    assert not job.privileged  # the expert is judged
     # Every policy is asked for the same changes at the same times, whatever it was trained with.
     again = switching_job(replace(config, seed=9, switches=1), None, "test").episodes.switches
     assert again is not None

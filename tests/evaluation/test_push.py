@@ -252,9 +252,10 @@ def test_only_the_same_starts_and_pushes_are_compared(monkeypatch):
         with pytest.raises(ValueError, match=f"different {name}"):
             push_difference(result, replace(result, **{name: other}))
     assert result.measured is not None
-    longer = replace(result, measured=replace(result.measured, duration=0.02))
-    with pytest.raises(ValueError, match="different duration"):
-        push_difference(result, longer)
+    for name, other in (("before", 0.5), ("duration", 0.02), ("after", 2.0), ("fall_angle", 30.0)):
+        measured = replace(result.measured, **{name: other})
+        with pytest.raises(ValueError, match=f"different {name}"):
+            push_difference(result, replace(result, measured=measured))
 
 
 def test_a_result_without_the_outcome_of_every_robot_is_an_error(monkeypatch):
@@ -419,6 +420,23 @@ def test_pushes_take_place_under_the_disturbance_of_the_evaluation(monkeypatch):
     evaluation = replace(CONFIG.evaluation, disturbance=disturbance)
     recovery(replace(CONFIG, evaluation=evaluation))
     assert set(seen) == {replace(disturbance, pushes=0)}
+
+
+def test_pushes_have_their_own_duration_fall_angle_and_seed(monkeypatch):
+    pretend(monkeypatch, lambda angle, robot: 1.0)
+    run_pretended = push_module.run_episodes
+    seen = set()
+
+    def run_and_note(job, workers, title):
+        duration = job.episodes.disturbance.pushes.duration
+        seen.add((duration, job.config.safety.fall_angle, job.config.seed))
+        return run_pretended(job, workers, title)
+
+    monkeypatch.setattr(push_module, "run_episodes", run_and_note)
+    push = replace(CONFIG.push, duration=0.05, fall_angle=45.0)
+    result = recovery(replace(CONFIG, push=push, seed=STORED.seed + 1))
+    assert result.measured == push
+    assert seen == {(50, 45.0, STORED.seed)}
 
 
 def still(posture):

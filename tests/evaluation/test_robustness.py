@@ -114,6 +114,16 @@ def test_the_outcome_of_each_initial_state_is_kept():
     assert through_json(robustness) == robustness
 
 
+def test_a_robot_that_fell_has_not_covered_its_way_however_far_it_came():
+    forward = np.array([0.2, 0.0, 0.0])
+    robustness = robustness_from(
+        [SUCCESS, FELL, SUCCESS],
+        command=np.tile(forward, (3, 1)),
+        mean_velocity=np.outer([0.9, 0.9, 0.5], forward),
+    )
+    assert robustness.covered == 1
+
+
 def test_body_contact_that_was_not_recorded_is_none_and_not_zero():
     robustness = robustness_from([SUCCESS, FELL], contact_ticks=[-1, -1])
     assert robustness.body_contacts is None

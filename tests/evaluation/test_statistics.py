@@ -118,6 +118,8 @@ def test_pairing_narrows_the_interval():
         # Newcombe's own examples (Statistics in Medicine 17, 1998, 2635), method 10.
         (36, 12, 2, 0, 5.69, 34.04),
         (53, 0, 1, 0, -9.77, 4.96),
+        # His formula, with the continuity correction of a correlation that is positive.
+        (20, 12, 2, 16, 5.62, 32.92),
     ],
 )
 def test_a_difference_of_shares_has_newcombes_interval(both, only_a, only_b, neither, low, high):
