@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from surefoot.config import Config, PolicyConfig, RobotConfig, SafetyConfig
+from surefoot.config import Config, PolicyConfig, RobotConfig, SafetyConfig, StateNoiseConfig
 from surefoot.config.robot_table import SOLO12
 from surefoot.learning.network import PolicyNetwork
 from surefoot.learning.policy import Policy
@@ -202,6 +202,23 @@ def test_motors_stop_driving_joints_at_their_speed_limits_if_that_is_enforced():
         fastest.append((np.abs(rollouts.v[0, :, 6:]) / robot.speed_limit).max())
     # If not, limits are only reported. Joints may be swung a little faster by their neighbors.
     assert 1.0 < fastest[1] < 0.5 * fastest[0]
+
+
+def test_a_motor_that_is_measured_to_speed_and_does_not_gives_its_torque():
+    starts = at_rest(STANDING + np.eye(19)[2], np.zeros((1, 3)))
+    spec = replace(SOLO12, speed_limit=(50.0,) * 3)
+    robot = load_robot(RobotConfig(spec=spec, enforce_speed_limit=True))
+    moved = []
+    for rate in (0.0, 1000.0):
+        noise = StateNoiseConfig(joint_velocity=rate)
+        disturbance = Disturbance(noise=noise, seeds=(np.random.SeedSequence(3),))
+        episodes = Episodes(starts, 0.02, disturbance=disturbance)
+        simulator = make_simulator(robot, 1, CONFIG.simulation)
+        rollouts = rollout(simulator, episodes, ExpertOnly(), Pushing())
+        assert (np.abs(rollouts.v[..., 6:]) < 50.0).all()
+        moved.append(rollouts)
+    assert (np.abs(moved[1].seen.v[..., 6:]) > 50.0).any()
+    np.testing.assert_array_equal(moved[1].q, moved[0].q)
 
 
 @pytest.mark.parametrize("name", ["solo12", "go2"])

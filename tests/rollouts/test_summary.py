@@ -28,6 +28,7 @@ from surefoot.rollouts.summary import (
     summarize,
     velocities,
 )
+from surefoot.scenarios.gait_switches import NEVER, GaitSwitches
 from surefoot.types import Command
 from tests.fakes.robots import ROBOT, STANDING
 from tests.fakes.rollouts import blank
@@ -102,6 +103,13 @@ def test_a_robot_that_is_to_stand_has_no_velocity_to_follow():
     np.testing.assert_allclose(summary.mse, [[0.04, 0.01, 0.09], [0.0, 0.0, 0.0]], atol=1e-12)
     np.testing.assert_array_equal(summary.command, [[0.2, 0.1, 0.3], [0.0, 0.0, 0.0]])
     np.testing.assert_array_equal(covered(summary), [False, True])
+
+
+def test_a_robot_that_walks_backward_has_covered_nothing():
+    v = np.zeros((2, 2000, 18))
+    v[:, :, 0] = [[0.2], [-0.2]]
+    summary = summary_of(synthetic(command=[[0.2, 0, 0]] * 2, v=v))
+    np.testing.assert_array_equal(covered(summary), [True, False])
 
 
 def test_the_tail_counts_in_ticks_and_in_nothing_else():
@@ -209,6 +217,18 @@ def test_strict_stepping_needs_every_foot():
         rollouts.contacts[0, :, leg] = down
         rollouts.feet[0, :, leg, 2] = np.where(down, 0.018, 0.05)
     assert summary_of(rollouts).strict.tolist() == [True, False]
+
+
+def test_strict_stepping_in_several_gaits_goes_by_the_slowest_that_was_walked():
+    config = replace(CONFIG, gait=GAITS["trot"], other_gaits=(OtherGait(GAITS["walk"]),))
+    rollouts = synthetic(T=6000)
+    period = np.where(np.arange(6000) < 3000, 500, 1000)
+    down = np.arange(6000) % period < 0.8 * period  # longer than 1.5 periods of a trot
+    rollouts.contacts[:] = down[None, :, None]
+    rollouts.feet[..., 2] = np.where(down, 0.018, 0.05)[None, :, None]
+    switches = GaitSwitches(np.array([[3000], [NEVER]]), np.array([[1], [0]]))
+    summary = summary_of(replace(rollouts, switches=switches), config=config)
+    assert summary.strict.tolist() == [True, False]
 
 
 def test_kept_frames_are_recoveries_where_they_tilt_or_come_near_the_bounds():
