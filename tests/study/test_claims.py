@@ -131,7 +131,10 @@ def test_the_extreme_is_judged_against_every_rival():
     assert claim.number.startswith("+1.00 N s")
     assert "Judged against each of the others; near is the least favorable." in claim.reason
     assert judge_extreme(statement(ABOVE_ZERO), near, [far, top]).verdict == "does not hold"
-    assert judge_extreme(statement(BELOW_ZERO), far, [near, top]).verdict == "holds"
+    lowest = judge_extreme(statement(BELOW_ZERO), far, [top, near])
+    assert lowest.verdict == "holds"
+    assert lowest.number.startswith("-2.00 N s")
+    assert "near is the least favorable." in lowest.reason
     assert judge_extreme(statement(BELOW_ZERO), near, [far, top]).verdict == "does not hold"
 
 
@@ -155,6 +158,10 @@ def test_equality_has_a_margin_of_the_reference():
     assert other.verdict == "does not hold"
     unclear = judge_equal(EQUAL, sample("A", 0.8, 1.2, 1.0), reference, 0.1)
     assert unclear.verdict == "cannot tell"
+    below_zero = sample("BC", -1.0, -1.01, -0.99)
+    same = judge_equal(EQUAL, sample("A", -1.02, -1.01, -1.0), below_zero, 0.1)
+    assert same.verdict == "holds"
+    assert "between -0.10 and 0.10 N s" in same.reason
 
 
 def test_changes_are_those_of_each_run():

@@ -119,6 +119,13 @@ def test_a_difference_of_shares_that_agree_has_newcombes_interval():
     assert interval_of(change_in_runs(zero, zero)) == pytest.approx((-0.2775, 0.2775), abs=5e-5)
 
 
+def test_a_difference_of_shares_is_at_most_one():
+    a = shares((10, 10, 0), (10, 10, 10))
+    b = shares((0, 0, 10), (10, 10, 10))
+    assert interval_of(difference_of_runs(a, b))[1] == 1.0
+    assert interval_of(difference_of_runs(b, a))[0] == -1.0
+
+
 def test_a_change_is_that_of_each_run():
     found = change_in_runs(Runs((2.0, 3.1, 4.2)), Runs((1.0, 2.0, 3.0)))
     expected = ttest_1samp([1.0, 1.1, 1.2], 0.0).confidence_interval(0.95)
