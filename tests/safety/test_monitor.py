@@ -94,7 +94,7 @@ def test_ticks_that_nobody_saw_are_part_of_a_block(rule):
     assert drives == [False, True, True, True, False, False]
 
 
-@pytest.mark.parametrize("rule", [EVERY, AND])
+@pytest.mark.parametrize("rule", get_args(HandBack))
 def test_without_blocking_the_expert_drives_while_it_is_unsafe(rule):
     assert driven(["..XXX..X."], rule, block=0.0) == ["..XXX..X."]
 

@@ -63,7 +63,8 @@ class SafetyMonitor:
         if self._hand_back == "every_violation_restarts":
             clock[violation] = 0
         if self._hand_back == "safe_or_blocked":
-            release = (clock >= 0) & (~violation | (clock >= self._block))
+            over = (self._block > 0) & (clock >= self._block)
+            release = (clock >= 0) & (~violation | over)
         else:
             release = ~violation & (clock >= self._block)
         clock[release] = -1
