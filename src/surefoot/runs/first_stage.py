@@ -21,6 +21,7 @@ from surefoot.runs.budget import first_allowance
 from surefoot.runs.episode_ids import iteration_of_shard
 from surefoot.runs.layout import RunError
 from surefoot.runs.policies import load_policy
+from surefoot.runs.precision import kept_precision
 from surefoot.runs.run import Run
 from surefoot.scenarios.starts import PACKAGED, load_starts
 
@@ -102,13 +103,16 @@ def copy_first_stage(source: Run, target: Run, shared: Shared) -> None:
         shared: What is copied.
 
     Raises:
-        RunError: The two runs do not begin alike, or the source has not made this yet.
+        RunError: The two runs do not begin alike, the policy would be one of another precision, or
+            the source has not made this yet.
     """
     if first_stage(source.config, shared) != first_stage(target.config, shared):
         raise RunError(
             f"{target.folder} cannot begin with the {shared} of {source.folder}: their "
             "configurations differ in what fixes it"
         )
+    if shared == "policy" and target.trained(0) is None:
+        _check_precision(source, target)
     collected = source.collected(0)
     trained = source.trained(0)
     if collected is None or (shared == "policy" and trained is None):
@@ -119,6 +123,23 @@ def copy_first_stage(source: Run, target: Run, shared: Shared) -> None:
     if shared == "policy" and trained is not None and target.trained(0) is None:
         _copy_policy(source, target)
         target.append_metrics(trained)
+
+
+def _check_precision(source: Run, target: Run) -> None:
+    """Check that two runs train in the same precision, which `auto` chose for each of them.
+
+    Raises:
+        RunError: They do not.
+    """
+    theirs, own = (
+        kept_precision(run.config.training, run.precision).precision for run in (source, target)
+    )
+    if theirs != own:
+        raise RunError(
+            f"{target.folder} cannot begin with the policy of {source.folder}, which trains in "
+            f"{theirs}, and {target.folder.name} in {own}: begin it with training.precision "
+            f"{theirs}, or copy the data alone"
+        )
 
 
 def _copy_data(source: Run, target: Run) -> None:
