@@ -10,6 +10,7 @@ from surefoot.learning.frames import PART
 from surefoot.rollouts.arbiters import RandomMix
 from surefoot.rollouts.jobs import play_out
 from surefoot.rollouts.outcome import Outcome
+from surefoot.runs.query import Query
 from surefoot.runs.run import Run
 from surefoot.scenarios.disturbance import draw_disturbances
 from tests.fakes.rollouts import blank
@@ -114,6 +115,11 @@ def test_queries_are_of_states_that_the_rollout_visited(runs, alpha, i):
 QUERY = LocoDaggerConfig(
     pretraining=FIRST, iterations=2, velocities=3, perturbations=2, T=0.7, N_query=3, T_query=0.52
 )
+
+
+def test_queries_have_the_methods_number_and_times(tmp_path):
+    config = replace(CONFIG, method=replace(QUERY, before_fall=0.35))
+    assert collection(Run(tmp_path / "run", config), 1).then == Query(3, 0.52, before_fall=0.35)
 
 
 def test_queries_of_rollouts_that_ended_early_and_queries_that_fail(tmp_path, monkeypatch):

@@ -121,8 +121,20 @@ def test_all_trainings_take_the_steps_that_were_asked_for(limited, name):
         assert [record.steps for record in records] == [12, 7, 7]
 
 
-@pytest.mark.parametrize("name", first_often(2, ["behavior_cloning", "loco_dagger-0.5", "dagger"]))
-@pytest.mark.parametrize(("workers", "chunk"), first_often(1, [(3, 4), (2, 3)]))
+@pytest.mark.parametrize(
+    ("name", "workers", "chunk"),
+    first_often(
+        2,
+        [
+            ("behavior_cloning", 3, 4),
+            ("loco_dagger-0.5", 2, 3),
+            ("behavior_cloning", 2, 3),
+            ("loco_dagger-0.5", 3, 4),
+            ("dagger", 3, 4),
+            ("dagger", 2, 3),
+        ],
+    ),
+)
 def test_a_budget_ends_at_the_same_rollout_for_any_workers_and_chunks(
     limited, tmp_path, monkeypatch, name, workers, chunk
 ):
@@ -273,7 +285,10 @@ def test_with_a_budget_the_first_rollouts_mix_phases_and_speeds():
     job = expert_rollouts(config, data)
     assert sorted(job.starts.id) == sorted(expert_rollouts(Config(), data).starts.id)
     assert (np.diff(job.episode) == 1).all()
-    assert len(np.unique(job.starts.tick[:40])) == 10
+    # In any first part, each phase has as many rollouts as any other, or one more.
+    phase = np.unique(job.starts.tick, return_inverse=True)[1]
+    so_far = np.cumsum(np.eye(10)[phase], axis=0)
+    assert np.ptp(so_far, axis=1).max() == 1
     assert len(np.unique(job.starts.command[:20, 0])) > 8
     method = DaggerConfig(velocities=20, perturbations=2)
     drawn = draw_starts(config, method, 3)

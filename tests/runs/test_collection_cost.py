@@ -16,6 +16,7 @@ from surefoot.runs.sampling import keep_unless_failed
 from surefoot.scenarios.disturbance import Disturbance, Pushes
 from surefoot.scenarios.starts import load_starts
 from tests.fakes import toy
+from tests.fakes.rollouts import summary_of
 from tests.fakes.toy_runs import CONFIG, angles
 
 
@@ -64,3 +65,29 @@ def test_a_pushed_robot_may_tilt_further_where_the_disturbance_says_so():
         summary = run_chunk(pushed_expert(impulses, at, fall_angle=angle)).summary
         assert summary.outcome.tolist() == [up, up, fell, fell, fell]
         assert collection_cost(summary).near_falls == 0
+
+
+def test_queries_count_where_the_experts_work_is_counted_and_not_among_the_rollouts():
+    summary = summary_of(
+        [Outcome.SUCCESS, Outcome.FELL, Outcome.SUCCESS, Outcome.FELL],
+        query=[False, False, True, True],
+        episode=[7, 8, 1007, 1008],
+        ticks=[5000, 1000, 500, 300],
+        proper_ticks=[4000, 1000, 500, 300],
+        expert_ticks=[2000, 500, 500, 300],
+        takeovers=[3, 1, 0, 0],
+        plans=[60, 10, 10, 6],
+        invalid_plans=[1, 2, 4, 8],
+        kept=[3000, 0, 500, 0],
+        kept_tilted=[1, 2, 4, 8],
+        kept_near_bounds=[1, 2, 4, 8],
+    )
+    cost = collection_cost(summary)
+    assert (cost.episodes, cost.falls, cost.takeovers, cost.failed_episodes) == (2, 1, 4, (8,))
+    assert (cost.expert_share, cost.expert_share_with_tail) == (0.5, 3500 / 6000)
+    assert (cost.rollout_seconds, cost.rollout_seconds_with_tail) == (5.0, 6.0)
+    assert cost.falls_per_robot_minute == pytest.approx(10.0)
+    assert (cost.queries, cost.queries_failed) == (2, 1)
+    assert (cost.expert_seconds, cost.robot_seconds) == (4.3, 6.8)
+    assert (cost.plans, cost.invalid_plans, cost.frames_kept) == (86, 15, 3500)
+    assert (cost.recoveries_tilted, cost.recoveries_near_bounds) == (15, 15)

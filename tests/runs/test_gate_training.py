@@ -116,6 +116,16 @@ def test_a_history_network_is_used_from_the_iteration_after_its_first_data(run):
     assert isinstance(make_gate(run, 3, ["history"]), History)
 
 
+def test_a_history_network_raises_its_alarm_at_the_methods_probability(run):
+    arbiter = collection(run, 2).arbiter
+    assert isinstance(arbiter, SafetySwitch)
+    gate = arbiter._monitor._gate
+    assert isinstance(gate, AnyOf)
+    _, history = gate._gates
+    assert isinstance(history, History)
+    assert history._alarm == METHOD.alarm == 0.3
+
+
 @pytest.mark.parametrize(("i", "share"), [(1, 0.6), (2, 0.7), (3, 0.8), (5, 1.0)])
 def test_relaxing_bounds_reach_the_papers_table_in_the_last_iteration(run, i, share):
     gate = make_gate(run, i, ["relaxing"], share=rising_share(0.6, i, 5))

@@ -62,14 +62,17 @@ def test_queries_start_from_states_on_the_grid_that_were_visited_before_any_fall
     np.testing.assert_array_equal(queries.starts.id, job.starts.id[robots])
 
 
+@pytest.mark.parametrize("lost", [Outcome.FELL, Outcome.DIVERGED])
 @pytest.mark.parametrize("N_query", [11, 12, 40])
 def test_the_states_of_a_rollout_are_different_ones_and_all_of_them_if_there_are_too_few(
-    played, N_query
+    played, N_query, lost
 ):
     job, rollouts = played
+    outcome = np.where(OUTCOME == Outcome.FELL, lost, OUTCOME)
+    rollouts = replace(rollouts, outcome=outcome)
     queries = replace(QUERY, N_query=N_query)(job, rollouts)
     assert queries is not None
-    # In 0.6 s there are twelve states on the grid of 50 ms; four before the fall of the second.
+    # In 0.6 s there are twelve states on the grid of 50 ms; four before the second is lost.
     counts = {200_000: min(N_query, 12), 200_001: 4, 200_003: min(N_query, 12)}
     for id_, count in counts.items():
         ticks = queries.starts.tick[whole_episode(queries.episode) == id_]
