@@ -260,6 +260,24 @@ def test_a_file_without_a_spec_is_refused_with_its_name(tmp_path, name, content,
         load_robot(file)
 
 
+def test_another_robot_may_not_take_the_name_of_one_of_the_package(tmp_path):
+    """Its policies would be played on that one."""
+    shutil.copy(find_urdf(GO2), tmp_path / "own.urdf")
+    file = tmp_path / "own.json"
+    copy = replace(GO2, urdf="own.urdf")
+    file.write_text(json.dumps(to_json(copy)))
+    assert load_robot(file).name == "go2"  # the same robot, whatever the place of its description
+    file.write_text(json.dumps(to_json(replace(copy, foot_radius=0.03))))
+    text = r"own\.json gives the name 'go2' to another robot than .*, such as 'my-go2'"
+    with pytest.raises(ValueError, match=text):
+        load_robot(file)
+    with (tmp_path / "own.urdf").open("a") as urdf:
+        urdf.write("<!-- another one -->")
+    file.write_text(json.dumps(to_json(copy)))
+    with pytest.raises(ValueError, match=text):
+        load_robot(RobotConfig(str(file)))
+
+
 def test_an_unknown_robot_names_the_nearest_and_says_how_to_make_one():
     text = r"no robot 'go3'; did you mean 'go\d'\? Known: solo12, .*\.json or \.toml file"
     with pytest.raises(ValueError, match=text):

@@ -19,7 +19,7 @@ from surefoot.config.robots import RobotConfig, RobotSpec
 from surefoot.errors import unknown
 from surefoot.robots.canonical import BASE, PARTS, canonical_model, joint_axes
 from surefoot.robots.data_file import SUFFIXES, read_data_file
-from surefoot.robots.description import Description, read_description
+from surefoot.robots.description import Description, find_urdf, read_description
 from surefoot.robots.model import RobotModel, Shape, standing
 from surefoot.robots.profile import check_standing, checked_profile, load_profile, torque_limits
 from surefoot.types import LEGS, Array
@@ -166,11 +166,39 @@ def read_spec(path: Path) -> RobotSpec:
 
     Raises:
         ValueError: The file is not there, not JSON or TOML, or holds no spec; the message names the
-            file and the key that is wrong.
+            file and the key that is wrong. Or it gives another robot the name of one of the
+            package.
     """
     spec = read_data_file(path, RobotSpec, MOST_BYTES, "spec of a robot")
     beside = path.parent / spec.urdf
-    return replace(spec, urdf=str(beside.resolve())) if beside.is_file() else spec
+    if beside.is_file():
+        spec = replace(spec, urdf=str(beside.resolve()))
+    _check_name(path, spec)
+    return spec
+
+
+def _check_name(path: Path, spec: RobotSpec) -> None:
+    """Check that no other robot has the name of one of the package.
+
+    Policies and initial states name their robot, and would be taken for those of the package's.
+
+    Args:
+        path: The file of the spec, for the message.
+        spec: The spec.
+
+    Raises:
+        ValueError: The package has another robot of this name.
+    """
+    packaged = ROBOTS.get(spec.name)
+    if packaged is None or spec == packaged:
+        return
+    is_same = replace(spec, urdf=packaged.urdf) == packaged
+    if is_same and find_urdf(spec).read_bytes() == find_urdf(packaged).read_bytes():
+        return
+    raise ValueError(
+        f"{path} gives the name {spec.name!r} to another robot than the one of the package; their "
+        f"policies could not be told apart, so use another name, such as {'my-' + spec.name!r}"
+    )
 
 
 def contact_shapes(model: pin.Model, spec: RobotSpec) -> tuple[Shape, ...]:
