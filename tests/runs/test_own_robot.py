@@ -14,7 +14,7 @@ from surefoot.robots.identity import content_hash
 from surefoot.robots.load import load_robot
 from surefoot.runs.first_stage import without_files
 from surefoot.runs.layout import RunError
-from surefoot.runs.run import create, open_run
+from surefoot.runs.run import config_for, create, open_run
 from surefoot.scenarios import prepare as module
 from surefoot.scenarios.starts import starts_of
 from surefoot.study.comparable import check_comparable
@@ -96,11 +96,21 @@ def test_an_edited_description_does_not_change_the_run(asked, begun):
         create(begun.folder, asked, resume=True)
 
 
+def test_a_run_of_another_robot_or_with_other_commands_is_told_apart_before_any_work(asked, begun):
+    """Not by its initial states, of which nobody may have said anything."""
+    text = r"run holds a run of the robot mine, not of solo12\. Resume it with --robot and .*--run$"
+    with pytest.raises(RunError, match=text):
+        config_for(begun.folder, Config(training=FLOAT32), resume=True)
+    other = replace(asked, commands=CommandBox(vx=(-0.2, 0.4)))
+    with pytest.raises(RunError, match=r"another configuration: commands\.vx "):
+        config_for(begun.folder, other)
+
+
 def test_a_run_that_kept_nothing_is_not_resumed_as_another_one(asked, tmp_path):
     folder = tmp_path / "run"
     create(folder, asked)
     files = {path.name: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(RunError, match=r"another configuration: .* without --resume it begins"):
+    with pytest.raises(RunError, match=r"run of the robot mine, .* without --resume it begins"):
         create(folder, Config(training=FLOAT32), resume=True)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == files
     # Asked for anew, it begins anew: nothing is lost.

@@ -20,6 +20,7 @@ from surefoot.config.json_text import read_file
 from surefoot.files import whole_name, write_atomic, write_json
 from surefoot.learning.dataset import Dataset
 from surefoot.learning.precision import PrecisionChoice
+from surefoot.robots.load import find_spec
 from surefoot.runs.initial_states import (
     begun_config,
     check_same_starts,
@@ -284,17 +285,7 @@ def create(folder: Path | str, config: Config, resume: bool = False) -> Run:
     config = config_for(folder, config, resume)
     if (folder / CONFIG_FILE).exists():
         before = open_run(folder)
-        goes_on = resume or before.has_begun  # otherwise a new run overwrites no results
-        if goes_on and before.precision is None:
-            config = with_precision_of(config, before.config)
-        other = changes_text(config, before.config)
-        if goes_on and other:
-            anew = "" if before.has_begun else "; without --resume it begins anew"
-            raise RunError(
-                f"{folder} holds a run with another configuration: {other}. Resume it with the "
-                f"options it was started with, or choose another folder with --run{anew}"
-            )
-        if not other:
+        if not changes_text(config, before.config):
             check_same_starts(folder, before.config, before.setup.starts_hash)
             warn_of_versions(before)
             warn_of_device(before)
@@ -317,14 +308,45 @@ def config_for(folder: Path, config: Config, resume: bool = False) -> Config:
             over.
 
     Raises:
-        RunError: The run's config cannot be read.
+        RunError: The run's config cannot be read, or the run that would be resumed has another.
         ValueError: The robot cannot walk in this gait or at these commands.
     """
     if (folder / CONFIG_FILE).exists():
         before = open_run(folder)
-        if resume or before.has_begun:
-            return resumed_config(config, before.config, before.setup.starts_hash)
+        if resume or before.has_begun:  # otherwise a new run overwrites no results
+            config = resumed_config(config, before.config, before.setup.starts_hash)
+            if before.precision is None:
+                config = with_precision_of(config, before.config)
+            _check_same(config, before)
+            return config
     return begun_config(config)
+
+
+def _check_same(config: Config, before: Run) -> None:
+    """Check that a run has the configuration that is asked for.
+
+    Args:
+        config: The requested configuration, with the run's values in place of None.
+        before: The run.
+
+    Raises:
+        RunError: It has another one; the message says what differs.
+    """
+    other = changes_text(config, before.config)
+    if not other:
+        return
+    kind = f"with another configuration: {other}"
+    options = "the options"
+    robot = find_spec(before.config.robot).name
+    asked = find_spec(config.robot).name
+    if robot != asked:  # whatever else differs follows from that
+        kind = f"of the robot {robot}, not of {asked}"
+        options = "--robot and the other options"
+    anew = "" if before.has_begun else "; without --resume it begins anew"
+    raise RunError(
+        f"{before.folder} holds a run {kind}. Resume it with {options} it was started with, or "
+        f"choose another folder with --run{anew}"
+    )
 
 
 def open_run(folder: Path | str) -> Run:
