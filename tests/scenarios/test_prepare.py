@@ -377,6 +377,31 @@ def test_a_gait_that_does_not_walk_as_it_is_told_is_warned_of(fake_walks, monkey
     assert f"at {len(made.astray)} of {len(made.followed)} commands" in caplog.text
 
 
+def test_joints_beyond_their_limits_are_warned_of_by_name(fake_walks, monkeypatch, caplog):
+    prepare(GO2_TROT, sizes=SMALL)
+    assert "limit" not in caplog.text
+    walk = module.settle
+
+    def beyond(config, commands):
+        walks = walk(config, commands)
+        fast = walks.command[:, 0] > 0.5
+        walks.v[:, fast, 6 + 2] = -1.2 * 15.7
+        walks.q[:, fast, 7 + 5] = -0.8
+        return walks
+
+    monkeypatch.setattr(module, "settle", beyond)
+    prepare(GO2_TROT, seed=1, sizes=SMALL)
+    assert (
+        "go2, trot: at 1 of 3 commands a joint is faster than its motor; at (vx, vy, yaw rate) "
+        "0.60, 0.00, 0.00 FL_KFE ('FL_calf_joint' in the URDF) turns at up to 120% of its speed "
+        "limit, 15.7 rad/s. Use a smaller box of commands"
+    ) in caplog.text
+    assert (
+        "in the settled gait, in 33.3 % of the time a joint is beyond its position limits, most of "
+        "all FR_KFE ('FR_calf_joint' in the URDF) at -0.80 rad, where -2.72 to -0.84 are allowed"
+    ) in caplog.text
+
+
 def test_another_robot_gets_what_was_measured_and_all_of_it(small_sets):
     config = completed(GO2_TROT)
     stored = starts_of(config)

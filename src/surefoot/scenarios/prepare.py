@@ -26,9 +26,9 @@ from surefoot.mpc.gaits import only_gait
 from surefoot.mpc.schedule import stands
 from surefoot.robots.identity import description_hash
 from surefoot.robots.joint_bounds import with_ranges
+from surefoot.robots.limits_used import range_remark, speed_remark, speed_shares
 from surefoot.robots.load import load_robot
 from surefoot.robots.model import RobotModel
-from surefoot.robots.profile import beyond_range
 from surefoot.robots.scaling import filled, own_safety, with_own_values
 from surefoot.robots.several_gaits import for_each_gait
 from surefoot.scenarios.boxes import box_in_words, largest_box, walks_enough
@@ -137,7 +137,7 @@ def prepare(
 
 
 def _warn_of_walks(robot: RobotModel, config: Config, made: Preparation, settled: Walks) -> None:
-    """Warn if robots that stay up do not follow their commands, or bend their joints too far."""
+    """Warn of robots that stay up, but not on their commands or not within their joints' limits."""
     name = f"{robot.name}, {gait_name(config.gait)}"
     astray = made.astray
     if astray:
@@ -149,12 +149,18 @@ def _warn_of_walks(robot: RobotModel, config: Config, made: Preparation, settled
             f"it is told; at (vx, vy, yaw rate) {told} it reaches {reached}. Use a smaller box of "
             "commands"
         )
-    beyond = float(beyond_range(robot.position_limit, settled.q).mean())
-    if beyond > 0.0:
+    fastest = speed_shares(robot, settled.v).max(axis=(0, 2))
+    if (fastest > 1.0).any():
+        worst = int(fastest.argmax())
+        told = ", ".join(f"{x:.2f}" for x in settled.command[worst])
         logger.warning(
-            f"{name}: in {100.0 * beyond:.0f} % of the time a joint of the settled gait is beyond "
-            "the robot's position limits"
+            f"{name}: at {(fastest > 1.0).sum()} of {len(fastest)} commands a joint is faster than "
+            f"its motor; at (vx, vy, yaw rate) {told} {speed_remark(robot, settled.v[:, worst])}. "
+            "Use a smaller box of commands, or another gait"
         )
+    beyond = range_remark(robot, settled.q)
+    if beyond:
+        logger.warning(f"{name}: in the settled gait, {beyond}")
 
 
 def prepared_key(
