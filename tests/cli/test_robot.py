@@ -102,6 +102,23 @@ def test_another_robot_walks(surefoot, capsys, tmp_path):
     assert report["speed_used"] > 0.0
 
 
+def test_joints_beyond_their_limits_are_reported_and_named(surefoot, capsys, tmp_path):
+    """Success alone would hide a wrong sign in the spec."""
+    file = tmp_path / "mine.json"
+    wrong = {"name": "mine", "position_limit": [(-1.0, 1.0), (-3.5, 4.5), (0.8, 2.7)] * 4}
+    file.write_text(json.dumps(to_json(GO2) | wrong))
+    args = ("--robot", file, "--seconds", 0.3, "--no-video", "--json", tmp_path / "walk.json")
+    gains = ("--config.expert.command-gain", 1, 1, 1)
+    assert surefoot("walk", *args, *gains) == 0
+    assert json.loads((tmp_path / "walk.json").read_text())["beyond_limits"] == 1.0
+    error = capsys.readouterr().err
+    assert "mine: in 100 % of the time a joint is beyond its position limits" in error
+    assert "_KFE ('" in error and "check the signs in `front` and `hind`" in error
+    assert surefoot("walk", "--robot", "go2", *args[2:], *gains) == 0
+    assert json.loads((tmp_path / "walk.json").read_text())["beyond_limits"] == 0.0
+    assert "limits" not in capsys.readouterr().err
+
+
 def test_a_run_of_a_robot_on_the_initial_states_of_another_is_refused(surefoot, capsys, tmp_path):
     args = ("train", "behavior_cloning", "--robot", "go2", "--run", tmp_path / "run")
     assert surefoot(*args, "--config.start-set", "solo12-trot-v1") == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -48,6 +49,8 @@ class WalkReport:
         torque_used: Largest share of a joint's torque limit commanded.
         speed_used: Largest share of a joint's speed limit reached, above 1 where one was exceeded;
             None if the robot has no such limits.
+        beyond_limits: Share of the time in which a joint was beyond its position limits; None if
+            the robot has no such limits.
         plans: Number of MPC solves.
         invalid_plans: Number of them that were not valid.
         seconds: Time until the end [s].
@@ -65,6 +68,7 @@ class WalkReport:
     max_torque: float
     torque_used: float
     speed_used: float | None
+    beyond_limits: float | None
     plans: int
     invalid_plans: int
     seconds: float
@@ -82,7 +86,8 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
     JSON keys: fell, outcome; command and mean_velocity [vx m/s, vy m/s, yaw rate rad/s, in the
     heading frame, from 1 s on]; heading_drift [deg, from the heading commanded, at the end];
     base_height and base_height_std [m, from 1 s on]; max_torque [N m]; torque_used and speed_used
-    [largest share of a joint's limit]; plans, invalid_plans; seconds [s, until the end]; latched
+    [largest share of a joint's limit]; beyond_limits [share of the time in which a joint was beyond
+    its position limits]; plans, invalid_plans; seconds [s, until the end]; latched
     [what would have switched an actual robot off, with --profile].
     """
 
@@ -129,6 +134,8 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
         report = walk_report(rollouts, expert, command, robot)
         show_record(report, self.json)
         warn_of_divergence(rollouts)
+        for remark in limit_remarks(rollouts, robot):
+            print(f"{robot.name}: {remark}", file=sys.stderr)
         if self.video:
             q = rollouts.q[0, : max(int(rollouts.length[0]), 1)]
             recording = Recording(robot, config.simulation, q, ground=rollouts.ground)
@@ -147,6 +154,8 @@ def walk_report(
         command: The velocity that was asked for.
         robot: The robot, for its limits.
     """
+    from surefoot.robots.limits_used import speed_shares
+    from surefoot.robots.profile import beyond_range
     from surefoot.rollouts.latching import latched_in_words
     from surefoot.rollouts.outcome import Outcome
     from surefoot.rollouts.summary import heading_drift, settled_part, velocities
@@ -157,8 +166,10 @@ def walk_report(
     settled = settled_part(shown)
     height = rollouts.seen.q[0, settled, 2]
     torque = np.abs(rollouts.torque[0, :length])
-    rate = np.abs(rollouts.v[0, :shown, 6:])
+    v = rollouts.v[0, :shown]
     limited = bool(np.isfinite(robot.speed_limit).any())
+    beyond = beyond_range(robot.position_limit, rollouts.q[0, :shown])
+    bounded = bool(np.isfinite(robot.position_limit).any())
     vx, vy, yaw_rate = velocities(rollouts)[0, settled].mean(axis=0).tolist()
     return WalkReport(
         fell=outcome == Outcome.FELL,
@@ -170,12 +181,30 @@ def walk_report(
         base_height_std=float(height.std()),
         max_torque=float(torque.max(initial=0.0)),
         torque_used=float((torque / robot.torque_limit).max(initial=0.0)),
-        speed_used=float((rate / robot.speed_limit).max()) if limited else None,
+        speed_used=float(speed_shares(robot, v).max()) if limited else None,
+        beyond_limits=float(beyond.mean()) if bounded else None,
         plans=int(expert.plans[0]),
         invalid_plans=int(expert.invalid_plans[0]),
         seconds=length / TICKS_PER_SECOND,
         latched=None if robot.profile is None else latched_in_words(rollouts, robot.profile),
     )
+
+
+def limit_remarks(rollouts: Rollout, robot: RobotModel) -> list[str]:
+    """What to say of the joints that were beyond their limits in the first episode of a rollout.
+
+    Args:
+        rollouts: The rollout.
+        robot: The robot, for its limits.
+    """
+    from surefoot.robots.limits_used import range_remark, speed_remark
+
+    shown = max(int(rollouts.length[0]), 1)
+    both = (
+        speed_remark(robot, rollouts.v[0, :shown]),
+        range_remark(robot, rollouts.q[0, :shown]),
+    )
+    return [remark for remark in both if remark]
 
 
 def with_gains(config: Config, command: Command) -> Config:
