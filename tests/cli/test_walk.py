@@ -64,6 +64,12 @@ def test_a_velocity_that_is_not_finite_is_refused(surefoot, capsys, option, valu
     assert f"{option} is {value}; use a finite number" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("option", "unit"), [("--vx", "m/s"), ("--yaw-rate", "rad/s")])
+def test_a_velocity_beyond_all_commands_is_refused_by_its_option(surefoot, capsys, option, unit):
+    assert surefoot("walk", option, 20, "--no-video") == 2
+    assert f"{option} is 20 {unit}; use -10 to 10 {unit}" in capsys.readouterr().err
+
+
 def test_the_report_and_the_sheet_of_the_film_are_two_files(surefoot, capsys, tmp_path):
     args = ("--out", tmp_path / "a.mp4", "--json", tmp_path / "a.png")
     assert surefoot("walk", *args) == 2
@@ -79,9 +85,10 @@ def test_an_expert_that_gives_up_at_once_has_diverged_after_no_time(surefoot, ca
     assert (report["outcome"], report["seconds"]) == ("DIVERGED", 0.0)
     assert report["fell"] is False
     assert (
-        "the expert gave up after 0.00 s: its plan is not valid or not finite"
-        in capsys.readouterr().err
-    )
+        "the expert gave up after 0.00 s: its plan is not valid or not finite. Perhaps the command "
+        "is too fast for the robot and the gait: `surefoot prepare` with the same options and --vx "
+        "0 0.2 --vy 0 0 --yaw-rate 0 0 says up to which it walks"
+    ) in capsys.readouterr().err
     assert report["plans"] == report["invalid_plans"] == 1
 
 

@@ -16,18 +16,20 @@ if TYPE_CHECKING:
     from surefoot.viz.film import Recording
 
 
-def warn_of_divergence(rollouts: Rollout) -> None:
+def warn_of_divergence(rollouts: Rollout, advice: str = "") -> None:
     """Say why a rollout of one robot ended, if the expert gave up on it.
 
     Args:
         rollouts: The rollout.
+        advice: What may be the reason, and what to do; a part of a sentence.
     """
     from surefoot.rollouts.outcome import Outcome
 
     if rollouts.outcome[0] == Outcome.DIVERGED:
         seconds = rollouts.length[0] / TICKS_PER_SECOND
         print(
-            f"the expert gave up after {seconds:.2f} s: its plan is not valid or not finite",
+            f"the expert gave up after {seconds:.2f} s: its plan is not valid or not finite"
+            f"{advice}",
             file=sys.stderr,
         )
 

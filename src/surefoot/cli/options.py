@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.config import Backend, CommandBox, Config, PushConfig, simulated
@@ -16,6 +16,8 @@ from surefoot.workers import Workers, default_workers
 
 MOST_SECONDS = 3600.0
 """[s] No longer time is recorded at once: an hour takes some gigabytes."""
+COMMANDS = get_args(Interval)[1]
+"""[m/s, rad/s] The range of any command."""
 HIGHEST_PORT = 65535
 """The largest number of a port."""
 
@@ -299,8 +301,13 @@ def check_velocity(command: Command) -> None:
     """Check the velocity that a robot is to follow, given by --vx, --vy and --yaw-rate.
 
     Raises:
-        ValueError: A component is not finite.
+        ValueError: A component is not finite, or larger than any command.
     """
-    for name, value in command._asdict().items():
+    for name, unit, value in zip(command._fields, ("m/s", "m/s", "rad/s"), command, strict=True):
+        option = f"--{name.replace('_', '-')}"
         if not math.isfinite(value):
-            raise ValueError(f"--{name.replace('_', '-')} is {value}; use a finite number")
+            raise ValueError(f"{option} is {value}; use a finite number")
+        if not COMMANDS.least <= value <= COMMANDS.most:
+            raise ValueError(
+                f"{option} is {value:g} {unit}; use {COMMANDS.least:g} to {COMMANDS.most:g} {unit}"
+            )

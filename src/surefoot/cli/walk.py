@@ -133,7 +133,7 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
         robot = load_robot(config.robot)
         report = walk_report(rollouts, expert, command, robot)
         show_record(report, self.json)
-        warn_of_divergence(rollouts)
+        warn_of_divergence(rollouts, _if_too_fast(command))
         for remark in limit_remarks(rollouts, robot):
             print(f"{robot.name}: {remark}", file=sys.stderr)
         if self.video:
@@ -187,6 +187,19 @@ def walk_report(
         invalid_plans=int(expert.invalid_plans[0]),
         seconds=length / TICKS_PER_SECOND,
         latched=None if robot.profile is None else latched_in_words(rollouts, robot.profile),
+    )
+
+
+def _if_too_fast(command: Command) -> str:
+    """What to do if the expert finds no plan for a command; '' if the command is zero."""
+    from surefoot.scenarios.boxes import box_in_words
+
+    if not any(command):
+        return ""
+    box = box_in_words(box_around(command))
+    return (
+        ". Perhaps the command is too fast for the robot and the gait: `surefoot prepare` with the "
+        f"same options and {box} says up to which it walks"
     )
 
 
