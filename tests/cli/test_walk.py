@@ -2,12 +2,13 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from surefoot.cli import walk
-from surefoot.cli.walk import Walk, box_around, parse_walk
+from surefoot.cli.walk import Walk, WalkReport, box_around, misses, parse_walk
 from surefoot.config import CommandBox, Config
 from surefoot.scenarios.preparation import CommandGain
 from surefoot.types import Command
@@ -90,6 +91,44 @@ def test_an_expert_that_gives_up_at_once_has_diverged_after_no_time(surefoot, ca
         "0 0.2 --vy 0 0 --yaw-rate 0 0 says up to which it walks"
     ) in capsys.readouterr().err
     assert report["plans"] == report["invalid_plans"] == 1
+
+
+REPORT = WalkReport(
+    fell=False,
+    outcome="SUCCESS",
+    command=(0.5, 0.0, -0.5),
+    mean_velocity=(0.5, 0.0, -0.5),
+    heading_drift=0.0,
+    base_height=0.3,
+    base_height_std=0.0,
+    max_torque=1.0,
+    torque_used=0.1,
+    speed_used=0.1,
+    beyond_limits=0.0,
+    plans=100,
+    invalid_plans=0,
+    seconds=5.0,
+)
+
+
+def test_a_command_that_is_missed_is_said_with_the_gains():
+    gain = (1.1, 1.0, 1.2)
+    assert misses(REPORT, gain) == []
+    [said] = misses(replace(REPORT, mean_velocity=(0.36, 0.0, -0.42)), gain)
+    assert said.startswith("vx misses its command, 0.50 m/s, by 28%: the robot reached 0.36 m/s")
+    assert said.endswith("the gains were 1.1 1 1.2")
+    slow = replace(REPORT, command=(0.1, 0.0, 0.0), mean_velocity=(0.07, 0.02, 0.0))
+    assert misses(slow, gain) == []
+    astray = replace(REPORT, mean_velocity=(-0.5, 0.0, 0.5))
+    assert len(misses(astray, gain)) == 2
+    assert misses(replace(astray, outcome="FELL"), gain) == []
+    assert misses(replace(astray, seconds=1.0), gain) == []
+
+
+def test_walk_says_that_a_command_is_missed(surefoot, capsys):
+    args = ("--vx", 0.3, "--seconds", 2, "--no-video", "--config.expert.command-gain")
+    assert surefoot("walk", *args, 0.5, 1, 1) == 0
+    assert "solo12: vx misses its command, 0.30 m/s, by" in capsys.readouterr().err
 
 
 def test_a_named_gait_walks_at_its_command(surefoot, tmp_path):

@@ -25,12 +25,20 @@ from surefoot.cli.options import (
 from surefoot.cli.outputs import Output, check_outputs, film_outputs
 from surefoot.cli.progress import seconds_bar
 from surefoot.config import CommandBox, Config
+from surefoot.config.checked import known
 from surefoot.types import TICKS_PER_SECOND, Command
 
 if TYPE_CHECKING:
     from surefoot.mpc.expert import Expert
     from surefoot.robots.model import RobotModel
     from surefoot.rollouts.episodes import Rollout
+
+MISSED = 0.2
+"""A command that is missed by more than this share is worth a remark."""
+LEAST_SECONDS = 2.0
+"""[s] The mean velocity of a shorter walk, less than a second of it settled, means little."""
+MISSED_BY = (0.05, 0.05, 0.1)
+"""[m/s, m/s, rad/s] Errors of vx, vy and yaw rate that are small at any command."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +117,7 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
 
     def __call__(self) -> int:
         """Walk, print, film; 1 if the robot fell, or the expert gave up."""
+        from surefoot.mpc.schedule import stands
         from surefoot.robots.load import load_robot
         from surefoot.rollouts.arbiters import ExpertOnly
         from surefoot.rollouts.episodes import Episodes
@@ -134,7 +143,10 @@ class Walk(OnGait, OnHardware, OnRobot, OnSimulator, OnTerrain):
         report = walk_report(rollouts, expert, command, robot)
         show_record(report, self.json)
         warn_of_divergence(rollouts, _if_too_fast(command))
-        for remark in limit_remarks(rollouts, robot):
+        remarks = limit_remarks(rollouts, robot)
+        if not any(map(stands, config.gaits)):
+            remarks += misses(report, known(config.expert.command_gain, "expert.command_gain"))
+        for remark in remarks:
             print(f"{robot.name}: {remark}", file=sys.stderr)
         if self.video:
             q = rollouts.q[0, : max(int(rollouts.length[0]), 1)]
@@ -201,6 +213,32 @@ def _if_too_fast(command: Command) -> str:
         ". Perhaps the command is too fast for the robot and the gait: `surefoot prepare` with the "
         f"same options and {box} says up to which it walks"
     )
+
+
+def misses(report: WalkReport, gain: tuple[float, float, float]) -> list[str]:
+    """What to say of a command that is not followed, axis by axis, where the robot walked on.
+
+    Gains are measured at small commands and their opposites; no gain serves every command.
+
+    Args:
+        report: How the expert walked.
+        gain: The command gains of vx, vy and yaw rate.
+    """
+    if report.outcome != "SUCCESS" or report.seconds < LEAST_SECONDS:
+        return []
+    remarks = []
+    names = (("vx", "m/s"), ("vy", "m/s"), ("yaw rate", "rad/s"))
+    rows = zip(names, report.command, report.mean_velocity, MISSED_BY, strict=True)
+    for (name, unit), told, reached, least in rows:
+        error = abs(reached - told)
+        if told and error > max(least, MISSED * abs(told)):
+            x, y, z = gain
+            remarks.append(
+                f"{name} misses its command, {told:.2f} {unit}, by {error / abs(told):.0%}: the "
+                f"robot reached {reached:.2f} {unit}. If it walks well otherwise, plan for more or "
+                f"less of it with --config.expert.command-gain; the gains were {x:g} {y:g} {z:g}"
+            )
+    return remarks
 
 
 def limit_remarks(rollouts: Rollout, robot: RobotModel) -> list[str]:
