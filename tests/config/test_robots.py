@@ -30,7 +30,7 @@ def test_values_outside_their_ranges_are_refused(kind, change, text):
         ({"legs": ("FL", "FR", "RL", "RL")}, "use four different names"),
         ({"urdf": ""}, "use the path of a URDF"),
         ({"urdf": "a\0b"}, "use the path of a URDF"),
-        ({"foot": "FL_foot"}, r"the name 'FL_foot' for all four legs; write \{leg\} in it"),
+        ({"foot": "FL_foot"}, r"the name 'FL_foot' for all four legs; write \{leg\} in it.*URDF$"),
         ({"position_limit": ((-1.0, 1.0),) * 3}, "has 3 pairs; give one for each of the twelve"),
         ({"position_limit": ((1.0, -1.0),) * 12}, "the first must not exceed the second"),
     ],

@@ -298,7 +298,9 @@ def test_a_robot_with_eight_joints_is_refused(tmp_path):
 def test_unknown_joints_and_frames_are_named_with_the_nearest(tmp_path):
     with pytest.raises(ValueError, match=r"'FL_thighjoint'; did you mean 'FL_thigh_joint'"):
         load_robot(replace(GO2, joints=("{leg}_hip_joint", "{leg}_thighjoint", "{leg}_calf_joint")))
-    with pytest.raises(ValueError, match=r"no frame 'FL_feet'; did you mean 'FL_foot'"):
+    with pytest.raises(ValueError, match=r"no joint that .* 'HAA_FL'.*changed in the URDF"):
+        load_robot(replace(GO2, joints=("HAA_{leg}", "HFE_{leg}", "KFE_{leg}")))
+    with pytest.raises(ValueError, match=r"no frame 'FL_feet'; did .* 'FL_foot'.*in the URDF"):
         load_robot(replace(GO2, foot="{leg}_feet"))
 
 

@@ -128,7 +128,8 @@ class RobotSpec(Checked):
             if "{leg}" not in pattern:
                 raise ValueError(
                     f"{self.section} has the name {pattern!r} for all four legs; write {{leg}} in "
-                    "it where the legs differ"
+                    "it where the legs differ. Names that do not say the leg, such as joint_1 to "
+                    "joint_12, have to be changed in the URDF"
                 )
 
     @property

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from surefoot.config.robots import RobotSpec
 from surefoot.errors import unknown
-from surefoot.robots.description import Description, frame_id
+from surefoot.robots.description import RENAME, Description, frame_id
 from surefoot.types import LEGS, Array
 
 BASE = "base_link"
@@ -102,9 +102,10 @@ def _check_joints(description: Description, spec: RobotSpec) -> None:
     movable = list(model.names[2:])
     for name in spec.source_joints:
         if name not in movable:
-            few = "" if len(movable) >= 12 else f" It has {len(movable)} joints; 12 are needed."
+            few = f"It has {len(movable)} joints; 12 are needed."
+            advice = few if len(movable) < 12 else RENAME
             message = unknown("joint that moves", name, movable)
-            raise ValueError(f"{spec.name}, {description.path}: {message}.{few}")
+            raise ValueError(f"{spec.name}, {description.path}: {message}. {advice}")
         joint = model.joints[model.getJointId(name)]
         if joint.nv != 1 or not joint.shortname().startswith("JointModelR"):
             raise ValueError(

@@ -31,6 +31,11 @@ MOST_INERTIA = 1e6
 """[kg m^2] No link has a larger moment of inertia, likewise."""
 LEAST_AXIS = 1e-6
 """An axis shorter than this has no direction."""
+RENAME = (
+    "A spec writes {leg} for the leg's name in `legs`; names that do not follow one such pattern "
+    "in all legs have to be changed in the URDF"
+)
+"""The advice for joints and links that a spec cannot name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +236,8 @@ def frame_id(description: Description, name: str, robot: str) -> int:
     model = description.model
     if not model.existFrame(name):
         names = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
-        raise ValueError(f"{robot}, {description.path}: " + unknown("frame", name, names))
+        message = unknown("frame", name, names)
+        raise ValueError(f"{robot}, {description.path}: {message}. {RENAME}")
     if model.existFrame(name, pin.FrameType.BODY):
         return model.getFrameId(name, pin.FrameType.BODY)
     return model.getFrameId(name)
