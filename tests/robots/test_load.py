@@ -260,6 +260,18 @@ def test_a_file_without_a_spec_is_refused_with_its_name(tmp_path, name, content,
         load_robot(file)
 
 
+def test_a_description_in_place_of_a_spec_is_told_what_is_missing():
+    with pytest.raises(ValueError, match=r"'a/my\.urdf' is a description.*docs/your-robot\.md"):
+        load_robot("a/my.urdf")
+
+
+def test_a_description_that_is_nowhere_is_missed_beside_its_spec(tmp_path):
+    (tmp_path / "mine.toml").write_text(TOML.replace("go2_description/urdf/go2.urdf", "own.urdf"))
+    text = rf"no description {tmp_path}/own\.urdf; .* beside the spec, or its path under"
+    with pytest.raises(ValueError, match=text):
+        load_robot(tmp_path / "mine.toml")
+
+
 def test_another_robot_may_not_take_the_name_of_one_of_the_package(tmp_path):
     """Its policies would be played on that one."""
     shutil.copy(find_urdf(GO2), tmp_path / "own.urdf")

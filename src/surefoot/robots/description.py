@@ -80,16 +80,28 @@ def find_urdf(spec: RobotSpec) -> Path:
         ValueError: There is no such file, neither as a path nor under ``example-robot-data``.
         ImportError: The package ``example-robot-data`` is missing.
     """
-    path = Path(spec.urdf).expanduser()
-    candidates = [path] if path.is_absolute() else [robots_folder() / path, path]
+    candidates = urdf_places(spec)
     for candidate in candidates:
         if candidate.is_file():
             return candidate
     tried = " nor ".join(str(candidate) for candidate in candidates)
     raise ValueError(
-        f"{spec.name}: there is no description {tried}; `urdf` is the path of a URDF file, or its "
-        "path under the robots of example-robot-data"
+        f"{spec.name}: there is no description {tried}; `urdf` is the path of a URDF file, which "
+        "may be beside the spec, or its path under the robots of example-robot-data"
     )
+
+
+def urdf_places(spec: RobotSpec) -> list[Path]:
+    """Return where a robot's description may be, in the order in which it is looked for.
+
+    Args:
+        spec: The robot.
+
+    Raises:
+        ImportError: The package ``example-robot-data`` is missing.
+    """
+    path = Path(spec.urdf).expanduser()
+    return [path] if path.is_absolute() else [robots_folder() / path, path]
 
 
 def read_description(spec: RobotSpec) -> Description:

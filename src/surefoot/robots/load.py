@@ -19,13 +19,15 @@ from surefoot.config.robots import RobotConfig, RobotSpec
 from surefoot.errors import unknown
 from surefoot.robots.canonical import BASE, PARTS, canonical_model, joint_axes
 from surefoot.robots.data_file import SUFFIXES, read_data_file
-from surefoot.robots.description import Description, find_urdf, read_description
+from surefoot.robots.description import Description, find_urdf, read_description, urdf_places
 from surefoot.robots.model import RobotModel, Shape, standing
 from surefoot.robots.profile import check_standing, checked_profile, load_profile, torque_limits
 from surefoot.types import LEGS, Array
 
 MOST_BYTES = 1_000_000
 """[B] No file with a spec is larger."""
+URDF_SUFFIXES = (".urdf", ".xacro")
+"""The endings of descriptions, which are no specs."""
 FREE_TRAVEL = 4 * np.pi
 """[rad] A joint that may turn this far counts as having no limits; URDFs cannot leave them out."""
 NO_LIMIT = 1000.0
@@ -111,6 +113,11 @@ def find_spec(robot: RobotConfig | RobotSpec | str | Path) -> RobotSpec:
         return ROBOTS[name]
     if name.lower().endswith(SUFFIXES):
         return read_spec(Path(name))
+    if name.lower().endswith(URDF_SUFFIXES):
+        raise ValueError(
+            f"{name!r} is a description, which does not say all that a robot needs: write a spec "
+            f"beside it, a {' or '.join(SUFFIXES)} file (docs/your-robot.md), and name that"
+        )
     raise ValueError(
         f"{unknown('robot', name, ROBOTS)}; a robot of your own is a {' or '.join(SUFFIXES)} file"
     )
@@ -170,8 +177,9 @@ def read_spec(path: Path) -> RobotSpec:
             package.
     """
     spec = read_data_file(path, RobotSpec, MOST_BYTES, "spec of a robot")
-    beside = path.parent / spec.urdf
-    if beside.is_file():
+    beside = path.parent / Path(spec.urdf).expanduser()
+    # A description that is nowhere is missed there, where most users look first.
+    if beside.is_file() or not any(place.is_file() for place in urdf_places(spec)):
         spec = replace(spec, urdf=str(beside.resolve()))
     _check_name(path, spec)
     return spec
