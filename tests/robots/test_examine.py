@@ -49,6 +49,13 @@ def test_what_is_odd_about_the_packages_robots():
     assert "speed limit" not in said["a1"]
 
 
+def test_legs_that_are_straight_in_the_nominal_pose_are_remarked():
+    said = remarks_of(replace(GO2, hind=(0.068, 0.0, 0.0)))
+    assert "the leg 'RL' is almost straight: its knee is bent by 0." in said
+    for name in ROBOTS:
+        assert "straight" not in "\n".join(examine_robot(RobotConfig(name)).remarks)
+
+
 def test_meshes_that_are_there_are_found_by_any_of_the_names_that_pinocchio_knows(tmp_path):
     def edit(root):
         for mesh in root.iterfind("link/visual/geometry/mesh"):

@@ -18,6 +18,7 @@ from surefoot.config.robots import RobotConfig
 from surefoot.robots.canonical import PARTS
 from surefoot.robots.description import Description, located, number, read_description, read_urdf
 from surefoot.robots.geometry import lowest_points
+from surefoot.robots.joint_bounds import straight_knees
 from surefoot.robots.load import load_robot
 from surefoot.robots.meshes import missing_meshes
 from surefoot.robots.model import RobotModel, standing
@@ -28,6 +29,8 @@ from surefoot.types import GRAVITY, JOINTS, LEGS
 
 UNEVEN = 0.005
 """[m] Feet of a standing robot that differ by more than this in height or sideways are odd."""
+STRAIGHT = 0.3
+"""[rad] Knees that are bent by less leave a leg no length to push with."""
 LOADED = 0.6
 """Standing should need no more than this share of the torque limits."""
 
@@ -214,6 +217,14 @@ def _of_the_pose(robot: RobotModel) -> Iterator[str]:
     mirrored = position[0, [0, 2]] - position[0, [1, 3]] * [1.0, -1.0, 1.0]
     if np.abs(mirrored).max() > UNEVEN:
         yield f"Left and right feet are {np.abs(mirrored).max():.3f} m from being mirror images."
+    bent = np.abs(robot.nominal[7:].reshape(4, 3)[:, 2] - straight_knees(robot))
+    if bent.min() < STRAIGHT:
+        leg = robot.spec.legs[int(bent.argmin())]
+        yield (
+            f"In the nominal pose the leg {leg!r} is almost straight: its knee is bent by "
+            f"{bent.min():.2f} rad. A straight leg cannot reach any lower; bend it in `front` or "
+            "`hind`."
+        )
     _, rest = lowest_points(robot, data, q)
     if rest.min() <= 0.0:
         link = robot.shapes[len(LEGS) + int(rest.argmin())].link
