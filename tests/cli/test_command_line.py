@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 import tyro
 
-from surefoot.cli.command_line import field_docstrings, filled, read_options
+from surefoot.cli.command_line import filled, read_options
 from surefoot.cli.main import COMMANDS
 from surefoot.config import METHODS, Config
+from surefoot.config.field_docs import field_docstrings
 from tests.cases import first_often
 
 

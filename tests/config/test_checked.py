@@ -11,6 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from surefoot.cli.main import parse
 from surefoot.config import Config, TrainingConfig
 from surefoot.config.checked import Checked, Rising, Within
+from surefoot.config.field_docs import unit_of
 from surefoot.config.json_io import from_json
 from surefoot.config.profiles import ODRI, HardwareProfile
 from surefoot.config.robot_table import GO2
@@ -21,6 +22,23 @@ CLASSES = config_classes()
 EXAMPLES = {"velocities": 3, "perturbations": 2, "nominal": True, "duration": 1.0}
 EXAMPLES |= {field.name: getattr(GO2, field.name) for field in fields(RobotSpec)}
 EXAMPLES |= {field.name: getattr(ODRI, field.name) for field in fields(HardwareProfile)}
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: replace(GO2, foot_radius=18.0), r"foot_radius is 18\.0; use 0\.001 to 1\.0 m$"),
+        (
+            lambda: replace(GO2, front=(0.0, 43.0, 0.0)),
+            r"front\[1\] is 43\.0; use -6.3 to 6.3 rad$",
+        ),
+        (lambda: replace(GO2.tuning, kp=-1.0), r"kp is -1\.0; use 0\.0 to 10000\.0 N m/rad$"),
+        (lambda: TrainingConfig(batch=0), r"batch is 0; use 2 to \d+$"),
+    ],
+)
+def test_a_number_out_of_its_range_is_answered_with_the_unit_of_its_field(make, text):
+    with pytest.raises(ValueError, match=text):
+        make()
 
 
 def required(kind) -> dict[str, Any]:
@@ -81,7 +99,8 @@ def test_every_number_has_a_range_and_is_refused_outside_it(kind, name, number, 
         with pytest.raises(ValueError) as error:
             made(kind, name, value, length)
         text = f"{path_of(kind, name, length)} is {value}; use {limits.least} to {limits.most}"
-        assert str(error.value) == f"{text} {limits.unit}".rstrip()
+        unit = unit_of(kind, name)
+        assert str(error.value) == (f"{text} {unit}" if unit else text)
 
 
 def is_uneven(kind, name) -> bool:

@@ -6,14 +6,11 @@ above the options. Both are joined or filled here. Next: `arguments`.
 
 from __future__ import annotations
 
-import ast
 import shutil
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
-from functools import cache
-from inspect import cleandoc, getsource
-from itertools import pairwise
+from inspect import cleandoc
 from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import tyro
@@ -26,6 +23,7 @@ from tyro.constructors import (
 
 from surefoot.cli.arguments import sort_arguments
 from surefoot.config.checked import annotations_of
+from surefoot.config.field_docs import field_docstrings
 
 CommandKind = TypeVar("CommandKind")
 
@@ -81,30 +79,6 @@ def filled(text: str, width: int) -> str:
         textwrap.fill(paragraph, width, subsequent_indent="  ", break_on_hyphens=False)
         for paragraph in paragraphs
     )
-
-
-@cache
-def field_docstrings(kind: type) -> Mapping[str, str]:
-    """The docstring of each field of a dataclass on one line, those of its bases included.
-
-    Args:
-        kind: The dataclass.
-    """
-    docstrings: dict[str, str] = {}
-    for base in reversed(kind.__mro__):
-        if not is_dataclass(base):
-            continue
-        try:
-            source = getsource(base)
-        except OSError:  # a program without its source has no such help
-            continue
-        [definition] = ast.parse(textwrap.dedent(source)).body
-        assert isinstance(definition, ast.ClassDef)
-        for statement, following in pairwise(definition.body):
-            match statement, following:
-                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(ast.Constant(str(text))):
-                    docstrings[name] = " ".join(text.split())
-    return docstrings
 
 
 @_registry.struct_rule

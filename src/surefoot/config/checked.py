@@ -27,6 +27,7 @@ from typing import (
     get_type_hints,
 )
 
+from surefoot.config.field_docs import unit_of
 from surefoot.errors import unknown
 
 Value = TypeVar("Value")
@@ -44,12 +45,14 @@ class Within:
     Attributes:
         least: The smallest value that is allowed.
         most: The largest value that is allowed.
-        unit: The unit, for the message, where numbers in another one are a likely mistake.
     """
 
     least: float
     most: float
-    unit: str = ""
+
+
+class RangeError(ValueError):
+    """A number is out of its range; the message ends with the range."""
 
 
 @dataclass(frozen=True)
@@ -122,11 +125,15 @@ def check_values(kind: type, values: Iterable[tuple[str, object]], path: str) ->
         path: The dotted path of the object, for messages; empty for the whole configuration.
 
     Raises:
-        ValueError: A value has the wrong type, or is out of range.
+        ValueError: A value has the wrong type, or is out of range, which is given with its unit.
     """
     hints = annotations_of(kind)
     for name, value in values:
-        _check(value, hints[name], f"{path}.{name}" if path else name)
+        try:
+            _check(value, hints[name], f"{path}.{name}" if path else name)
+        except RangeError as error:
+            unit = unit_of(kind, name)
+            raise RangeError(f"{error} {unit}" if unit else str(error)) from None
 
 
 @cache
@@ -220,7 +227,6 @@ def _check_number(value: Any, kind: type, path: str, limits: Within | None) -> N
     if not _is_number(value, kind):
         raise ValueError(f"{path} is {value!r}, expected {kind.__name__}")
     if limits is not None and not limits.least <= value <= limits.most:
-        unit = limits.unit and f" {limits.unit}"
-        raise ValueError(f"{path} is {value}; use {limits.least} to {limits.most}{unit}")
+        raise RangeError(f"{path} is {value}; use {limits.least} to {limits.most}")
     if not math.isfinite(value):
         raise ValueError(f"{path} is {value}; use a finite number")

@@ -19,9 +19,9 @@ LEG_JOINTS = 3
 ALL_JOINTS = 12
 """The joints of a robot."""
 
-Range = Annotated[tuple[float, float], Within(-12.57, 12.57, "rad"), Rising()]
+Range = Annotated[tuple[float, float], Within(-12.57, 12.57), Rising()]
 """The smallest and the largest angle of a joint, within two turns either way [rad]."""
-Timeout = Annotated[float, Within(0.001, 1.0, "s")]
+Timeout = Annotated[float, Within(0.001, 1.0)]
 """How long a robot may be without commands; a bridge allows no more, since it has fallen by then
 [s]."""
 
