@@ -142,6 +142,7 @@ def test_a_bridge_of_another_robot_is_refused_before_any_work(surefoot, address,
         ),
     ],
 )
+@pytest.mark.filterwarnings("ignore:serve runs in a thread")
 def test_a_bridge_of_another_rate_or_joint_order_is_refused_before_any_work(
     surefoot, tmp_path, capsys, changes, message
 ):

@@ -41,8 +41,8 @@ walks on flat ground, they do in more than 90 % of the rows."""
 STANDING = 0.7
 """The share of rows in which two feet must stand for the velocity to be judged."""
 BETTER = 0.5
-"""Of two explanations, only the one is named that leaves at most this fraction of what the other
-leaves; otherwise both are, as equal alternatives."""
+"""One of two explanations is named alone if it leaves at most this fraction of what the other
+leaves; otherwise both are named, as equal alternatives."""
 UPRIGHT = 0.5
 """A base is upright while the cosine of its tilt is mostly at least this."""
 
