@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import warnings
+from importlib.metadata import version
 from pathlib import Path
 
 import pytest
@@ -276,3 +277,12 @@ def test_a_warning_is_shown_without_the_code_that_gave_it(surefoot, monkeypatch)
 def test_the_result_of_a_command_is_the_exit_status(surefoot, monkeypatch, status):
     monkeypatch.setattr(main_module, "parse", lambda args: lambda: status)
     assert surefoot("walk") == status
+
+
+def test_help_and_version_are_what_users_try_first(surefoot, capsys):
+    assert surefoot("help") == 0
+    assert "usage: surefoot COMMAND" in capsys.readouterr().out
+    assert surefoot("help", "walk") == 0
+    assert "usage: surefoot walk" in capsys.readouterr().out
+    assert surefoot("--version") == 0
+    assert capsys.readouterr().out == f"surefoot {version('surefoot')}\n"

@@ -102,7 +102,7 @@ def test_no_command_replaces_a_file_that_one_of_its_options_names(tmp_path, monk
     before = file.read_bytes()
     command = parse([*words.replace("FILE", str(file)).split(), "--json", "./mine.json"])
     if words == "play --robot FILE":  # it is for a flight, which has no report
-        with pytest.raises(ValueError, match="--robot is for a flight"):
+        with pytest.raises(ValueError, match="--robot is for a recording"):
             command()
     else:
         with pytest.raises(ValueError, match=r"--json: mine.json is what the command reads too"):

@@ -203,7 +203,7 @@ def test_of_a_flight_of_an_own_robot_the_fault_is_told_and_its_file_asked_for(
     assert surefoot("play", file, "--robot", mine) == 1
     assert films[0][0].robot.name == "mine"
     assert surefoot("play", "--robot", mine) == 2
-    assert "--robot is for a flight" in capsys.readouterr().err
+    assert "--robot is for a recording" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

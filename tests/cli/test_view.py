@@ -69,6 +69,13 @@ def test_without_a_target_the_packaged_policy_drives_and_without_a_screen_no_bro
     assert opened == []
 
 
+@pytest.mark.parametrize(("port", "said"), [(8200, True), (1, False), (0, False)])
+def test_another_port_than_the_one_asked_for_is_said(surefoot, pages, capsys, port, said):
+    """The fake page is always served at port 1."""
+    assert surefoot("view", "--no-browser", "--port", port) == 0
+    assert (f"port {port} is taken" in capsys.readouterr().err) is said
+
+
 def test_the_browser_stays_closed_if_it_is_not_wanted(surefoot, pages):
     assert surefoot("view", "--no-browser") == 0
     assert pages[1] == []

@@ -12,6 +12,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import Protocol
 
 from surefoot.cli.bench import Bench
@@ -179,8 +180,13 @@ def parse(args: Sequence[str]) -> Subcommand:
         print(FIRST_STEPS, file=sys.stderr)
         raise SystemExit(2)
     name = args[0]
-    if name in ("-h", "--help"):
+    if name in ("-h", "--help", "help"):
+        if name == "help" and args[1:] and args[1] in COMMANDS:
+            return parse([args[1], "--help"])
         print(overview())
+        raise SystemExit(0)
+    if name == "--version":
+        print(f"surefoot {version('surefoot')}")
         raise SystemExit(0)
     if name not in COMMANDS:
         raise ValueError(unknown("command", name, COMMANDS))

@@ -80,7 +80,9 @@ class Play(OnHardware, OnSimulator, OnTerrain):
         if self.target is not None and self.target.suffix == ".npz":
             return self.film_flight(self.target)
         if self.robot is not None:
-            raise ValueError("--robot is for a flight; a policy and a run know their robot")
+            raise ValueError(
+                "--robot is for a recording of `surefoot run`; a policy and a run know their robot"
+            )
         from surefoot.interop.logs.sensor_log import SUFFIXES, write_sensor_log
         from surefoot.interop.logs.simulated import sensor_log_of
         from surefoot.learning.policy import load

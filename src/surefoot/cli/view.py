@@ -50,6 +50,8 @@ class View(OnSimulator):
         setup = replace(setup, config=self.simulated(setup.config))
         run = self.target if self.target is not None and self.target.is_dir() else None
         page = Page(setup, run, self.port)
+        if self.port and not page.address.endswith(f":{self.port}"):
+            print(f"the port {self.port} is taken, so another one is used", file=sys.stderr)
         print(f"{page.address} (Ctrl-C ends it)", flush=True)
         if self.browser and has_screen():
             webbrowser.open(page.address)
