@@ -56,7 +56,7 @@ class Demo(OnRobot, OnWorkers):
             f"Go on with: surefoot play {where} --vx 0.3\n"
             f"            surefoot view {where}           (in the browser; needs the extra viz)\n"
             f"            surefoot report {where}         (a model card)\n"
-            f"            surefoot train loco_safe_dagger{same}  (ten minutes, a better policy)"
+            f"            surefoot train loco_safe_dagger{same}  (10 to 15 minutes, better)"
         )
         return status
 
